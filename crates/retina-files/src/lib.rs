@@ -1,0 +1,18 @@
+//! Files in, files out: everything the other crates share about reading input and writing results.
+//!
+//! - [`InputError`]: one error type for input that does not fit. It says what is wrong, in which
+//!   file and place, what was found, what was expected, and how to mend it.
+//! - [`read_toml`]: TOML into a type, unknown keys pointed at with the nearest known one.
+//! - [`Table`]: CSV with a header row and `#` comments, cells read by column name.
+//! - [`write_atomic`]: a file exists whole or not at all.
+//! - [`hash_bytes`], [`hash_file`]: BLAKE3, for manifests.
+
+mod error;
+mod table;
+mod toml_file;
+mod write;
+
+pub use error::{InputError, Place, Snippet};
+pub use table::Table;
+pub use toml_file::{nearest, parse_toml, read_toml};
+pub use write::{hash_bytes, hash_file, read_bytes, read_text, write_atomic};
