@@ -27,20 +27,29 @@ impl Table {
     /// As [`Table::read`], from text already in memory; `path` only names it in errors.
     pub fn parse(path: &Path, text: &str) -> Result<Self, InputError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        let mut reader = csv::ReaderBuilder::new()
-            .comment(Some(b'#'))
-            .trim(csv::Trim::All)
-            .flexible(true)
-            .from_reader(text.as_bytes());
+        // Comments and blank lines are taken out first: the csv crate would count a record's line
+        // from the comment above it.
+        let (lines, kept): (Vec<usize>, Vec<&str>) = text
+            .lines()
+            .enumerate()
+            .filter(|(_, line)| !line.trim_start().starts_with('#') && !line.trim().is_empty())
+            .map(|(i, line)| (i + 1, line))
+            .unzip();
+        let kept = kept.join("\n");
+        let line_of = |position: Option<&csv::Position>| {
+            position.and_then(|p| lines.get((p.line() as usize).saturating_sub(1))).copied().unwrap_or(1)
+        };
+        let mut reader =
+            csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(kept.as_bytes());
         let broken = |error: csv::Error| {
-            let line = error.position().map_or(1, |p| p.line() as usize);
+            let line = line_of(error.position());
             InputError::new(path, format!("is not a readable CSV table: {error}")).line(line)
         };
         let header = reader.headers().map_err(broken)?.clone();
         if header.is_empty() || header.iter().all(str::is_empty) {
             return Err(InputError::new(path, "holds no table").expected("a header row with column names"));
         }
-        let header_line = header.position().map_or(1, |p| p.line() as usize);
+        let header_line = line_of(header.position());
         let mut index = HashMap::new();
         for (i, name) in header.iter().enumerate() {
             if name.is_empty() {
@@ -55,7 +64,7 @@ impl Table {
         let mut rows = Vec::new();
         for record in reader.records() {
             let record = record.map_err(broken)?;
-            let line = record.position().map_or(0, |p| p.line() as usize);
+            let line = line_of(record.position());
             if record.len() != header.len() {
                 return Err(InputError::new(path, "the row does not have one cell for each column")
                     .line(line)
@@ -64,7 +73,12 @@ impl Table {
             }
             rows.push((line, record));
         }
-        Ok(Self { file: path.to_path_buf(), columns: header.iter().map(str::to_owned).collect(), index, rows })
+        Ok(Self {
+            file: path.to_path_buf(),
+            columns: header.iter().map(str::to_owned).collect(),
+            index,
+            rows,
+        })
     }
 
     /// The file the table came from.

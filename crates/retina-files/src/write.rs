@@ -29,8 +29,9 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 
 /// Reads a file, or says which one could not be read and why.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, InputError> {
-    std::fs::read(path)
-        .map_err(|error| InputError::new(path, format!("cannot be read: {error}")).help("check the path and the permissions"))
+    std::fs::read(path).map_err(|error| {
+        InputError::new(path, format!("cannot be read: {error}")).help("check the path and the permissions")
+    })
 }
 
 /// Reads a UTF-8 text file, or says why not.
