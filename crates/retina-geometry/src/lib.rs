@@ -1,1 +1,25 @@
-//! .
+//! Cameras, the facility's intrinsics K_f, distortion and lines of sight.
+//!
+//! Conventions: pixels have x to the right and y down, pixel (0, 0) covers [0, 1) x [0, 1); the
+//! camera frame has +z along the boresight, +x right, +y down; a line of sight is (x, y, 1) on
+//! the tangent plane, here a [`glam::DVec2`] (x, y), dimensionless.
+//!
+//! - [`Setup`]: one facility configuration, from `setup.toml`.
+//! - [`Pinhole`]: intrinsics K and an image size (eqs. 11-13 of the paper).
+//! - [`Distortion`]: D, what the facility does to a line of sight, and its inverse.
+//! - [`WarpMap`]: which source position an output pixel reads, upstream and downstream.
+//! - [`limb_ellipse`]: the outline of a sphere or ellipsoid in a pinhole image.
+
+mod calibration;
+mod distortion;
+mod limb;
+mod pinhole;
+mod setup;
+mod warp;
+
+pub use calibration::Calibration;
+pub use distortion::{Distortion, DistortionError, MAX_DEGREE, term_count};
+pub use limb::{LimbEllipse, limb_ellipse};
+pub use pinhole::Pinhole;
+pub use setup::{CameraSetup, FacilitySetup, Intrinsics, ResponseSetup, ScreenSetup, Setup};
+pub use warp::{WarpDirection, WarpMap};
