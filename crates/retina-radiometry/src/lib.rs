@@ -1,1 +1,21 @@
-//! .
+//! Magnitudes, irradiance, photometric functions of bodies, and the response of the screen.
+//!
+//! Spectral quantities are at 550 nm (V band), W m^-2 nm^-1 and W m^-2 sr^-1 nm^-1.
+//!
+//! - [`Photometry`]: radiance factor I/F of a surface element.
+//! - Sunlight: [`sun_irradiance_w_m2_nm`], [`sun_angular_radius_rad`].
+//! - [`irradiance_of_magnitude_w_m2_nm`] and its inverse (paper, eq. 7).
+//! - [`ScreenResponse`]: digital count to irradiance at the pupil and back (paper, eqs. 7-10).
+
+mod hapke;
+mod magnitude;
+mod photometry;
+mod response;
+
+pub use hapke::Hapke;
+pub use magnitude::{
+    AU_M, SUN_IRRADIANCE_1AU_W_M2_NM, SUN_RADIUS_M, ZERO_MAGNITUDE_W_M2_NM, irradiance_of_magnitude_w_m2_nm,
+    magnitude_of_irradiance, sun_angular_radius_rad, sun_irradiance_w_m2_nm,
+};
+pub use photometry::{Geometry, Law, PhaseFunction, Photometry};
+pub use response::{DigitalCounts, ScreenResponse};
