@@ -19,7 +19,7 @@ pub struct Body {
     pub triangles: Vec<[u32; 3]>,
     /// For each triangle, its index into `surfaces`.
     pub triangle_surface: Vec<u16>,
-    /// Materials as far as they matter here, one for each primitive that was placed.
+    /// Materials as far as they matter here, shared by the primitives that have the same.
     pub surfaces: Vec<Surface>,
     /// Albedo textures, each decoded once.
     pub albedo_maps: Vec<AlbedoMap>,
@@ -42,7 +42,7 @@ pub struct Vertex {
 /// What a part of the mesh is made of.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {
-    /// The material's name, or the mesh's and primitive's number.
+    /// The material's name, or its number where it has none.
     pub name: String,
     /// The primitive came without normals: the glTF specification has it shaded flat, with each
     /// triangle's own normal. (Its vertices still carry smooth normals.)
@@ -155,7 +155,8 @@ impl Body {
             self.add_corner_normals(t, |v| welded[v as usize] as usize, &mut sums);
         }
         for (vertex, &first) in self.vertices.iter_mut().zip(&welded) {
-            vertex.normal = sums[first as usize].normalize_or(vertex.position_m.normalize_or_zero()).as_vec3();
+            vertex.normal =
+                sums[first as usize].normalize_or(vertex.position_m.normalize_or_zero()).as_vec3();
         }
         for surface in &mut self.surfaces {
             surface.flat = false;

@@ -268,13 +268,13 @@ impl Elements<'_> {
     }
 
     fn real(&self, element: usize, component: usize) -> f32 {
-        let (value, full) = match (*self.raw(element, component), self.component) {
-            ([a], ComponentType::U8) => (f32::from(a), 255.0),
-            ([a], _) => (f32::from(a as i8), 127.0),
-            ([a, b], ComponentType::U16) => (f32::from(u16::from_le_bytes([a, b])), 65535.0),
-            ([a, b], _) => (f32::from(i16::from_le_bytes([a, b])), 32767.0),
-            ([a, b, c, d], ComponentType::F32) => return f32::from_le_bytes([a, b, c, d]),
-            ([a, b, c, d], _) => return u32::from_le_bytes([a, b, c, d]) as f32,
+        let (value, full) = match (self.raw(element, component), self.component) {
+            (&[a], ComponentType::U8) => (f32::from(a), 255.0),
+            (&[a], _) => (f32::from(a as i8), 127.0),
+            (&[a, b], ComponentType::U16) => (f32::from(u16::from_le_bytes([a, b])), 65535.0),
+            (&[a, b], _) => (f32::from(i16::from_le_bytes([a, b])), 32767.0),
+            (&[a, b, c, d], ComponentType::F32) => return f32::from_le_bytes([a, b, c, d]),
+            (&[a, b, c, d], _) => return u32::from_le_bytes([a, b, c, d]) as f32,
             _ => return 0.0,
         };
         if self.normalized { (value / full).max(-1.0) } else { value }

@@ -107,8 +107,14 @@ mod tests {
 
     #[test]
     fn base64_agrees_with_the_vectors_of_rfc_4648() {
-        let vectors =
-            [("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm9v", "foo"), ("Zm9vYg", "foob"), ("Zm9vYmFy", "foobar")];
+        let vectors = [
+            ("", ""),
+            ("Zg==", "f"),
+            ("Zm8=", "fo"),
+            ("Zm9v", "foo"),
+            ("Zm9vYg", "foob"),
+            ("Zm9vYmFy", "foobar"),
+        ];
         for (text, plain) in vectors {
             assert_eq!(decode_base64(text).as_deref(), Some(plain.as_bytes()), "{text}");
         }
@@ -122,7 +128,17 @@ mod tests {
         let resolve = |uri| resolve_uri(model, "image 0", uri);
         assert_eq!(resolve("maps/a%20b.png").unwrap(), Some(PathBuf::from("folder/maps/a b.png")));
         assert_eq!(resolve("data:;base64,AA==").unwrap(), None);
-        for bad in ["http://x/a.png", "file:///etc/passwd", "../a.png", "a/%2e%2e/b", "/a", "C:\\a", "a%00", "", "%zz"] {
+        for bad in [
+            "http://x/a.png",
+            "file:///etc/passwd",
+            "../a.png",
+            "a/%2e%2e/b",
+            "/a",
+            "C:\\a",
+            "a%00",
+            "",
+            "%zz",
+        ] {
             assert!(resolve(bad).is_err(), "{bad}");
         }
     }

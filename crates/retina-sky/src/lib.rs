@@ -1,1 +1,25 @@
-//! .
+//! Time, bodies and trajectories: where the camera, the Sun and the Moon are, and how they are turned.
+//!
+//! - [`time`]: calendar epochs to and from TDB seconds since J2000.
+//! - [`ephemeris`]: Sun, Earth and Moon without a kernel, in ICRF metres, 1900-2100.
+//! - [`orientation`]: IAU (WGCCRE) body-fixed axes.
+//! - [`trajectory`]: the trajectory table, one row a frame.
+//! - [`halo`]: a LUMIO-like quasi-halo about the Earth-Moon L2 point.
+//!
+//! Lengths are metres, times TDB seconds since J2000, angles radians; inertial axes are ICRF.
+//! A quaternion `target_from_source` takes `v_target = q * v_source`.
+
+mod cr3bp;
+pub mod ephemeris;
+pub mod halo;
+mod ode;
+pub mod orientation;
+pub mod time;
+pub mod trajectory;
+
+pub use trajectory::{BodyColumns, BodyPose, FramePose, Trajectory};
+
+/// Seconds in a day of the uniform time scales.
+const DAY_S: f64 = 86_400.0;
+/// Days in a Julian century.
+const CENTURY_D: f64 = 36_525.0;

@@ -1,0 +1,152 @@
+//! Twins of the structs in shaders/shared/types.wgsl. A test compares every offset with naga's.
+
+use bytemuck::{Pod, Zeroable};
+
+pub(crate) const NONE: u32 = u32::MAX;
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(crate) struct Frame {
+    pub intrinsics_px: [f32; 4],
+    pub size_px: [u32; 2],
+    pub region_origin_px: [u32; 2],
+    pub region_size_px: [u32; 2],
+    pub grid: u32,
+    pub refined_samples: u32,
+    pub body_count: u32,
+    pub distortion_degree: u32,
+    pub chunk_pixels: u32,
+    pub near_m: f32,
+    pub distortion: [[f32; 4]; 18],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct Body {
+    pub camera_from_body_x: [f32; 3],
+    pub reference_depth_m: f32,
+    pub camera_from_body_y: [f32; 3],
+    pub sun_angular_radius: f32,
+    pub camera_from_body_z: [f32; 3],
+    pub sun_irradiance_over_pi: f32,
+    pub center_camera_m: [f32; 3],
+    pub inverse_sun_distance: f32,
+    pub center_from_first_m: [f32; 3],
+    pub ray_offset_m: f32,
+    pub sun_direction: [f32; 3],
+    pub contrast: f32,
+    pub sun_across_u: [f32; 3],
+    pub node_first: u32,
+    pub sun_across_v: [f32; 3],
+    pub node_end: u32,
+    pub center_px_whole: [i32; 2],
+    pub center_px_part: [f32; 2],
+    pub center_line_of_sight: [f32; 2],
+    pub triangle_first: u32,
+    pub shadow_casters: u32,
+    pub law: u32,
+    pub phase_law: u32,
+    pub factor: f32,
+    pub bounding_radius_m: f32,
+    pub law_a: [f32; 4],
+    pub law_b: [f32; 4],
+    pub phase_coefficients: [f32; 4],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct Node {
+    pub low: [f32; 3],
+    pub escape: u32,
+    pub high: [f32; 3],
+    pub leaf: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct Vertex {
+    pub position: [f32; 3],
+    pub u: f32,
+    pub normal: [f32; 3],
+    pub v: f32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct Surface {
+    pub body: u32,
+    pub albedo_map: u32,
+    pub slope_map: u32,
+    pub flat_shading: u32,
+    pub albedo_factor: f32,
+    pub double_sided: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct Map {
+    pub first: u32,
+    pub width: u32,
+    pub height: u32,
+    pub levels: u32,
+    pub wrap_u: u32,
+    pub wrap_v: u32,
+    pub scale: f32,
+    pub padding: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct Warp {
+    pub source_origin_px: [i32; 2],
+    pub source_size_px: [u32; 2],
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::mem::{offset_of, size_of};
+
+    /// (member offsets, size) of a WGSL struct, as naga lays it out.
+    fn naga_layout(module: &naga::Module, name: &str) -> (Vec<(String, u32)>, u32) {
+        let (_, found) = module
+            .types
+            .iter()
+            .find(|(_, t)| t.name.as_deref() == Some(name))
+            .unwrap_or_else(|| panic!("no struct {name} in the shaders"));
+        let naga::TypeInner::Struct { members, span } = &found.inner else { panic!("{name} is no struct") };
+        (members.iter().map(|m| (m.name.clone().unwrap(), m.offset)).collect(), *span)
+    }
+
+    macro_rules! check {
+        ($module:expr, $type:ident { $($field:ident),* $(,)? }) => {
+            let (offsets, span) = naga_layout($module, stringify!($type));
+            let ours = vec![$((stringify!($field).to_string(), offset_of!($type, $field) as u32)),*];
+            assert_eq!(ours, offsets, stringify!($type));
+            // An array's stride is the size rounded up to the alignment; Rust's size must be it.
+            assert_eq!(size_of::<$type>() as u32, span, stringify!($type));
+        };
+    }
+
+    #[test]
+    fn every_shared_struct_has_nagas_layout() {
+        let module = naga::front::wgsl::parse_str(&crate::gpu::shaders::refine()).unwrap();
+        check!(&module, Frame {
+            intrinsics_px, size_px, region_origin_px, region_size_px, grid, refined_samples, body_count,
+            distortion_degree, chunk_pixels, near_m, distortion,
+        });
+        check!(&module, Body {
+            camera_from_body_x, reference_depth_m, camera_from_body_y, sun_angular_radius, camera_from_body_z,
+            sun_irradiance_over_pi, center_camera_m, inverse_sun_distance, center_from_first_m, ray_offset_m,
+            sun_direction, contrast, sun_across_u, node_first, sun_across_v, node_end, center_px_whole,
+            center_px_part, center_line_of_sight, triangle_first, shadow_casters, law, phase_law, factor,
+            bounding_radius_m, law_a, law_b, phase_coefficients,
+        });
+        check!(&module, Node { low, escape, high, leaf });
+        check!(&module, Vertex { position, u, normal, v });
+        check!(&module, Surface { body, albedo_map, slope_map, flat_shading, albedo_factor, double_sided });
+        check!(&module, Map { first, width, height, levels, wrap_u, wrap_v, scale, padding });
+        let module = naga::front::wgsl::parse_str(&crate::gpu::shaders::warp()).unwrap();
+        check!(&module, Warp { source_origin_px, source_size_px });
+    }
+}

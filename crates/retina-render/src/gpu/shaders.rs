@@ -1,0 +1,68 @@
+//! The WGSL modules, put together from their shared parts.
+
+const TYPES: &str = include_str!("../../../../shaders/shared/types.wgsl");
+const CAMERA: &str = include_str!("../../../../shaders/shared/camera.wgsl");
+const INTERSECT: &str = include_str!("../../../../shaders/shared/intersect.wgsl");
+const PHOTOMETRY: &str = include_str!("../../../../shaders/shared/photometry.wgsl");
+const TEXTURE: &str = include_str!("../../../../shaders/shared/texture.wgsl");
+const SURFACE: &str = include_str!("../../../../shaders/shared/surface.wgsl");
+const OUTPUT: &str = include_str!("../../../../shaders/shared/output.wgsl");
+
+/// `//!` headers are ours to read; WGSL knows `//` alone, which they also are.
+fn module(parts: &[&str]) -> String {
+    parts.concat()
+}
+
+pub(crate) fn visibility() -> String {
+    // The enable directive must stand before everything else.
+    module(&["enable primitive_index;\n", TYPES, CAMERA, include_str!("../../../../shaders/visibility.wgsl")])
+}
+
+fn shading(stage: &str) -> String {
+    module(&[TYPES, CAMERA, INTERSECT, PHOTOMETRY, TEXTURE, SURFACE, OUTPUT, stage])
+}
+
+pub(crate) fn shade() -> String {
+    shading(include_str!("../../../../shaders/shade.wgsl"))
+}
+
+pub(crate) fn refine() -> String {
+    shading(include_str!("../../../../shaders/refine.wgsl"))
+}
+
+pub(crate) fn refine_plan() -> String {
+    shading(include_str!("../../../../shaders/refine_plan.wgsl"))
+}
+
+pub(crate) fn warp() -> String {
+    module(&[TYPES, CAMERA, include_str!("../../../../shaders/warp.wgsl")])
+}
+
+#[cfg(test)]
+mod tests {
+    use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+    #[test]
+    fn every_permutation_of_every_shader_is_valid() {
+        for (name, source) in [
+            ("visibility", super::visibility()),
+            ("shade", super::shade()),
+            ("refine", super::refine()),
+            ("refine_plan", super::refine_plan()),
+            ("warp", super::warp()),
+        ] {
+            let module = naga::front::wgsl::parse_str(&source)
+                .unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(&source)));
+            let mut validator = Validator::new(ValidationFlags::all(), Capabilities::PRIMITIVE_INDEX);
+            let info = validator.validate(&module).unwrap_or_else(|error| panic!("{name}: {error:?}"));
+            for layers in [0.0, 1.0] {
+                let constants = naga::back::PipelineConstants::from_iter([("LAYERS".to_string(), layers)]);
+                let (module, _) = naga::back::pipeline_constants::process_overrides(&module, &info, None, &constants)
+                    .unwrap_or_else(|error| panic!("{name}: {error:?}"));
+                Validator::new(ValidationFlags::all(), Capabilities::PRIMITIVE_INDEX)
+                    .validate(&module)
+                    .unwrap_or_else(|error| panic!("{name}, LAYERS = {layers}: {error:?}"));
+            }
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! A frame's state as the shaders read it, computed in f64 and rounded once.
+
+use glam::{DMat3, DVec2, DVec3};
+use retina_radiometry::{Law, PhaseFunction, Photometry, sun_angular_radius_rad, sun_irradiance_w_m2_nm};
+
+use super::layout::{Body, Frame};
+use super::upload::BodyRange;
+use crate::frame::contrast_reference;
+use crate::{BodyModel, BodyState, FrameState, Quality};
+
+/// First-pass samples a pixel along one axis.
+pub(crate) const GRID: u32 = 2;
+
+/// A rectangle of pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Region {
+    pub origin: [u32; 2],
+    pub size: [u32; 2],
+}
+
+pub(crate) fn frame_uniform(state: &FrameState, region: Region, quality: Quality, chunk: u32, ranges: &[BodyRange]) -> Frame {
+    let k = &state.image;
+    let mut out = Frame {
+        intrinsics_px: [k.fx_px, k.fy_px, k.cx_px, k.cy_px].map(|v| v as f32),
+        size_px: [k.width_px, k.height_px],
+        region_origin_px: region.origin,
+        region_size_px: region.size,
+        grid: GRID,
+        refined_samples: quality.refined_samples(),
+        body_count: state.bodies.len() as u32,
+        distortion_degree: 0,
+        chunk_pixels: chunk,
+        near_m: near_m(state, ranges) as f32,
+        distortion: [[0.0; 4]; 18],
+    };
+    if let Some(distortion) = &state.distortion {
+        out.distortion_degree = distortion.degree();
+        for (index, c) in distortion.coefficients().iter().enumerate() {
+            let pair = &mut out.distortion[index / 2][2 * (index % 2)..];
+            pair[0] = c.x as f32;
+            pair[1] = c.y as f32;
+        }
+    }
+    out
+}
+
+/// Half the distance to the nearest thing; only scales the depth buffer.
+fn near_m(state: &FrameState, ranges: &[BodyRange]) -> f64 {
+    let nearest = state.bodies.iter().zip(ranges).map(|(body, range)| {
+        let distance = body.position_camera_m.length();
+        (distance - range.bounding_radius_m).max(1e-4 * range.bounding_radius_m)
+    });
+    0.5 * nearest.fold(f64::INFINITY, f64::min)
+}
+
+pub(crate) fn body_uniforms(state: &FrameState, models: &[BodyModel], ranges: &[BodyRange], quality: Quality) -> Vec<Body> {
+    let first_m = state.bodies.first().map_or(DVec3::ZERO, |body| body.position_camera_m);
+    state
+        .bodies
+        .iter()
+        .zip(models.iter().zip(ranges))
+        .map(|(body, (model, range))| {
+            let centre = body.position_camera_m;
+            let far = centre.z > range.bounding_radius_m;
+            let line_of_sight = if far { DVec2::new(centre.x, centre.y) / centre.z } else { DVec2::ZERO };
+            let centre_px = state.image.pixel(line_of_sight);
+            let whole = centre_px.round();
+            let sun_distance_m = body.sun_position_body_m.length();
+            let sun = body.sun_position_body_m / sun_distance_m;
+            let (across_u, across_v) = sun.any_orthonormal_pair();
+            let rotation: DMat3 = body.camera_from_body;
+            let mut out = Body {
+                camera_from_body_x: rotation.x_axis.as_vec3().to_array(),
+                reference_depth_m: if far { centre.z as f32 } else { 0.0 },
+                camera_from_body_y: rotation.y_axis.as_vec3().to_array(),
+                sun_angular_radius: sun_angular_radius_rad(sun_distance_m) as f32,
+                camera_from_body_z: rotation.z_axis.as_vec3().to_array(),
+                sun_irradiance_over_pi: (sun_irradiance_w_m2_nm(sun_distance_m) / std::f64::consts::PI) as f32,
+                center_camera_m: centre.as_vec3().to_array(),
+                inverse_sun_distance: (1.0 / sun_distance_m) as f32,
+                center_from_first_m: (centre - first_m).as_vec3().to_array(),
+                ray_offset_m: (range.bounding_radius_m * RAY_OFFSET) as f32,
+                sun_direction: sun.as_vec3().to_array(),
+                contrast: (quality.contrast() * contrast_reference(&model.photometry, body.phase_rad())) as f32,
+                sun_across_u: across_u.as_vec3().to_array(),
+                node_first: range.node_first,
+                sun_across_v: across_v.as_vec3().to_array(),
+                node_end: range.node_end,
+                center_px_whole: [whole.x as i32, whole.y as i32],
+                center_px_part: (centre_px - whole).as_vec2().to_array(),
+                center_line_of_sight: line_of_sight.as_vec2().to_array(),
+                triangle_first: range.triangle_first,
+                shadow_casters: shadow_casters(state, ranges, body),
+                bounding_radius_m: range.bounding_radius_m as f32,
+                ..Body::default()
+            };
+            set_photometry(&mut out, &model.photometry);
+            out
+        })
+        .collect()
+}
+
+/// Shadow rays start this far above the surface, in bounding radii: a few roundings of f32.
+const RAY_OFFSET: f64 = 4e-6;
+
+/// Bodies whose bounding sphere meets the cylinder, widening by the Sun's angular radius, from
+/// this body towards the Sun.
+fn shadow_casters(state: &FrameState, ranges: &[BodyRange], receiver: &BodyState) -> u32 {
+    let own = state.bodies.iter().position(|body| std::ptr::eq(body, receiver)).unwrap_or(0);
+    let sun = receiver.camera_from_body * receiver.sun_position_body_m;
+    let (towards, spread) = (sun.normalize(), sun_angular_radius_rad(sun.length()).tan());
+    let mut bits = 0;
+    for (index, (body, range)) in state.bodies.iter().zip(ranges).enumerate() {
+        let between = body.position_camera_m - receiver.position_camera_m;
+        let along = between.dot(towards);
+        let radii = range.bounding_radius_m + ranges[own].bounding_radius_m;
+        let aside = (between - along * towards).length();
+        if index != own && along > -radii && aside < radii + (along + radii) * spread {
+            bits |= 1 << index;
+        }
+    }
+    bits
+}
+
+fn set_photometry(out: &mut Body, photometry: &Photometry) {
+    out.factor = photometry.factor as f32;
+    match photometry.phase_function {
+        PhaseFunction::Constant => out.phase_law = 0,
+        PhaseFunction::Exponential { scale_rad } => {
+            out.phase_law = 1;
+            out.phase_coefficients[0] = scale_rad as f32;
+        }
+        PhaseFunction::HenyeyGreenstein { asymmetry } => {
+            out.phase_law = 2;
+            out.phase_coefficients[0] = asymmetry as f32;
+        }
+        PhaseFunction::Magnitudes { coefficients } => {
+            out.phase_law = 3;
+            out.phase_coefficients = coefficients.map(|c| c as f32);
+        }
+    }
+    match photometry.law {
+        Law::Lambert => out.law = 0,
+        Law::LommelSeeliger => out.law = 1,
+        Law::LunarLambert { decay_rad } => {
+            out.law = 2;
+            out.law_a[0] = decay_rad as f32;
+        }
+        Law::OrenNayar { roughness_rad } => {
+            let s2 = roughness_rad * roughness_rad;
+            let (a, b) = (1.0 - 0.5 * s2 / (s2 + 0.33), 0.45 * s2 / (s2 + 0.09));
+            out.law = 3;
+            out.law_a[0] = (b / a) as f32;
+        }
+        Law::Hapke(h) => {
+            out.law = 4;
+            out.law_a = [h.single_scattering_albedo, h.lobe_width, h.lobe_weight, h.shoe_amplitude].map(|v| v as f32);
+            out.law_b = [h.shoe_width, h.cboe_amplitude, h.cboe_width, h.roughness_rad].map(|v| v as f32);
+            out.phase_coefficients[3] = h.porosity as f32;
+        }
+    }
+}
+
+/// The rectangle that holds the projections of all bodies' bounding spheres; the whole image
+/// where one of them is too near for that.
+pub(crate) fn region(state: &FrameState, ranges: &[BodyRange]) -> Option<Region> {
+    let image = &state.image;
+    let (width, height) = (f64::from(image.width_px), f64::from(image.height_px));
+    let whole = Region { origin: [0, 0], size: [image.width_px, image.height_px] };
+    let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    for (body, range) in state.bodies.iter().zip(ranges) {
+        let (centre, radius) = (body.position_camera_m, range.bounding_radius_m);
+        if centre.z + radius <= 0.0 {
+            continue;
+        }
+        // The box about the sphere projects into this rectangle when it is in front as a whole.
+        if centre.z - radius <= 0.05 * radius {
+            return Some(whole);
+        }
+        for corner in 0..8 {
+            let side = |bit: i32| if corner >> bit & 1 == 1 { radius } else { -radius };
+            let point = centre + DVec3::new(side(0), side(1), side(2));
+            let mut line_of_sight = DVec2::new(point.x, point.y) / point.z;
+            if let Some(distortion) = &state.distortion {
+                match distortion.undistort(line_of_sight) {
+                    Ok(undistorted) => line_of_sight = undistorted,
+                    Err(_) => return Some(whole),
+                }
+            }
+            let pixel = image.pixel(line_of_sight);
+            low = low.min(pixel);
+            high = high.max(pixel);
+        }
+    }
+    // A distorted rectangle bulges: a margin of 2 % of its size and some pixels.
+    let margin = (high - low) * if state.distortion.is_some() { 0.02 } else { 0.0 } + 3.0;
+    let low = (low - margin).floor().clamp(DVec2::ZERO, DVec2::new(width, height));
+    let high = (high + margin).ceil().clamp(DVec2::ZERO, DVec2::new(width, height));
+    let size = high - low;
+    if !(size.x >= 1.0 && size.y >= 1.0) {
+        return None;
+    }
+    Some(Region { origin: [low.x as u32, low.y as u32], size: [size.x as u32, size.y as u32] })
+}

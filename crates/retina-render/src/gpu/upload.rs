@@ -1,0 +1,181 @@
+//! Body models as the flat arrays that the shaders read.
+
+use rayon::prelude::*;
+use retina_model::{AlbedoMap, SlopeMap, Wrap};
+
+use super::bvh;
+use super::horizon::{self, PATCH};
+use super::layout::{Map, NONE, Node, Surface, Vertex};
+use crate::BodyModel;
+
+/// All bodies of a scene, one after the other.
+#[derive(Default)]
+pub(crate) struct SceneArrays {
+    pub nodes: Vec<Node>,
+    /// Vertex indices and surface; 8-aligned for each body by repeating its last triangle.
+    pub triangles: Vec<[u32; 4]>,
+    pub vertices: Vec<Vertex>,
+    pub horizons: Vec<[f32; 4]>,
+    pub surfaces: Vec<Surface>,
+    pub maps: Vec<Map>,
+    pub texels: Vec<u32>,
+    pub ranges: Vec<BodyRange>,
+}
+
+/// Where a body's parts lie in the arrays.
+#[derive(Clone, Copy)]
+pub(crate) struct BodyRange {
+    pub node_first: u32,
+    pub node_end: u32,
+    pub triangle_first: u32,
+    pub triangle_count: u32,
+    pub bounding_radius_m: f64,
+    pub double_sided: bool,
+}
+
+impl SceneArrays {
+    pub(crate) fn new(models: &[BodyModel]) -> Self {
+        let mut out = Self::default();
+        for (index, model) in models.iter().enumerate() {
+            out.add(model, index as u32);
+        }
+        // Bindings may not be empty.
+        if out.maps.is_empty() {
+            out.maps.push(Map::default());
+            out.texels.push(0);
+        }
+        out
+    }
+
+    fn add(&mut self, model: &BodyModel, body: u32) {
+        let shape = &model.shape;
+        let surface_first = self.surfaces.len() as u32;
+        let albedo_first = self.maps.len() as u32;
+        let slope_first = albedo_first + shape.albedo_maps.len() as u32;
+        for map in &shape.albedo_maps {
+            self.add_albedo(map);
+        }
+        for map in &shape.slope_maps {
+            self.add_slopes(map);
+        }
+        self.surfaces.extend(shape.surfaces.iter().map(|surface| Surface {
+            body,
+            albedo_map: surface.albedo_map.map_or(NONE, |map| albedo_first + map as u32),
+            slope_map: surface.slope_map.map_or(NONE, |map| slope_first + map as u32),
+            flat_shading: u32::from(surface.flat),
+            albedo_factor: surface.albedo_factor,
+            double_sided: u32::from(surface.double_sided),
+        }));
+
+        let vertex_first = self.vertices.len() as u32;
+        self.vertices.extend(shape.vertices.iter().map(|vertex| Vertex {
+            position: vertex.position_m.as_vec3().to_array(),
+            u: vertex.uv.x,
+            normal: vertex.normal.to_array(),
+            v: vertex.uv.y,
+        }));
+        let positions: Vec<[f32; 3]> = self.vertices[vertex_first as usize..].iter().map(|v| v.position).collect();
+        let (node_first, triangle_first) = (self.nodes.len() as u32, self.triangles.len() as u32);
+        let hierarchy = bvh::build(&positions, &shape.triangles, node_first, triangle_first);
+        self.nodes.extend(&hierarchy.nodes);
+        self.triangles.extend(hierarchy.order.iter().map(|&triangle| {
+            let [a, b, c] = shape.triangles[triangle as usize].map(|corner| vertex_first + corner);
+            [a, b, c, surface_first + u32::from(shape.triangle_surface[triangle as usize])]
+        }));
+        let triangle_count = self.triangles.len() as u32 - triangle_first;
+        if let Some(&last) = self.triangles.last() {
+            self.triangles.resize(self.triangles.len().next_multiple_of(PATCH), last);
+        }
+        let own_triangles = &self.triangles[triangle_first as usize..];
+        self.horizons.extend(horizon::horizons(
+            &self.vertices,
+            own_triangles,
+            &hierarchy.nodes,
+            triangle_first,
+            node_first,
+        ));
+        self.ranges.push(BodyRange {
+            node_first,
+            node_end: self.nodes.len() as u32,
+            triangle_first,
+            triangle_count,
+            bounding_radius_m: shape.bounding_radius_m(),
+            double_sided: shape.surfaces.iter().any(|surface| surface.double_sided),
+        });
+    }
+
+    /// Packs a linear map and its mip levels: each word holds a texel and its right neighbour.
+    fn add_albedo(&mut self, map: &AlbedoMap) {
+        let scale = map.texels.iter().fold(f32::MIN_POSITIVE, |a, &b| a.max(b));
+        let first = self.texels.len() as u32;
+        let levels = mip_levels(map.width, map.height, map.texels.clone(), |a, b, c, d| 0.25 * (a + b + c + d));
+        for (width, _, texels) in &levels {
+            let quantise = |value: f32| (value / scale * 65535.0).round().clamp(0.0, 65535.0) as u32;
+            self.texels.par_extend(texels.par_iter().enumerate().map(|(index, &value)| {
+                let column = index % width;
+                let right = map.wrap_u.texel(column as i64 + 1, *width);
+                quantise(value) | quantise(texels[index - column + right]) << 16
+            }));
+        }
+        self.maps.push(describe(first, map.width, map.height, levels.len(), (map.wrap_u, map.wrap_v), scale));
+    }
+
+    fn add_slopes(&mut self, map: &SlopeMap) {
+        let first = self.texels.len() as u32;
+        let mean = |a: [f32; 2], b: [f32; 2], c: [f32; 2], d: [f32; 2]| {
+            std::array::from_fn(|k| 0.25 * (a[k] + b[k] + c[k] + d[k]))
+        };
+        let levels = mip_levels(map.width, map.height, map.texels.clone(), mean);
+        for (_, _, texels) in &levels {
+            self.texels.extend(texels.iter().map(|slope| {
+                let [x, y] = slope.map(|s| u32::from(half::f16::from_f32(s).to_bits()));
+                x | y << 16
+            }));
+        }
+        self.maps.push(describe(first, map.width, map.height, levels.len(), (map.wrap_u, map.wrap_v), 1.0));
+    }
+}
+
+fn describe(first: u32, width: usize, height: usize, levels: usize, wrap: (Wrap, Wrap), scale: f32) -> Map {
+    let code = |wrap: Wrap| match wrap {
+        Wrap::Repeat => 0,
+        Wrap::Clamp => 1,
+        Wrap::Mirror => 2,
+    };
+    Map {
+        first,
+        width: width as u32,
+        height: height as u32,
+        levels: levels as u32,
+        wrap_u: code(wrap.0),
+        wrap_v: code(wrap.1),
+        scale,
+        padding: 0,
+    }
+}
+
+/// (width, height, texels) of a map and its halvings down to one texel.
+fn mip_levels<T: Copy + Send + Sync>(
+    width: usize,
+    height: usize,
+    texels: Vec<T>,
+    mean: impl Fn(T, T, T, T) -> T + Sync,
+) -> Vec<(usize, usize, Vec<T>)> {
+    let mut levels = vec![(width, height, texels)];
+    while let Some((w, h, last)) = levels.last()
+        && (*w > 1 || *h > 1)
+    {
+        let (w, h) = (*w, *h);
+        let (half_w, half_h) = ((w / 2).max(1), (h / 2).max(1));
+        let next: Vec<T> = (0..half_w * half_h)
+            .into_par_iter()
+            .map(|index| {
+                let (x, y) = (index % half_w * 2, index / half_w * 2);
+                let (x1, y1) = ((x + 1).min(w - 1), (y + 1).min(h - 1));
+                mean(last[y * w + x], last[y * w + x1], last[y1 * w + x], last[y1 * w + x1])
+            })
+            .collect();
+        levels.push((half_w, half_h, next));
+    }
+    levels
+}

@@ -1,0 +1,123 @@
+//! What every stage shares: the frame, the bodies and their geometry. Lengths in metres, angles
+//! in radians; body axes unless a name says camera. Each struct has a twin in
+//! crates/retina-render/src/gpu/layout.rs whose layout a test checks against naga's.
+
+/// One frame and how it is sampled.
+struct Frame {
+    /// f_x, f_y, c_x, c_y, pixels.
+    intrinsics_px: vec4<f32>,
+    size_px: vec2<u32>,
+    /// The rectangle that holds all bodies; nothing outside it is computed.
+    region_origin_px: vec2<u32>,
+    region_size_px: vec2<u32>,
+    /// First-pass samples a pixel, along one axis.
+    grid: u32,
+    /// Samples of a refined pixel.
+    refined_samples: u32,
+    body_count: u32,
+    /// Degree of the distortion polynomial; 0: none.
+    distortion_degree: u32,
+    /// Refined pixels worked on at a time.
+    chunk_pixels: u32,
+    /// Depth of the near plane for the depth buffer, m.
+    near_m: f32,
+    /// Coefficients of x^i y^j, ordered by i then j, two (a, b) pairs an entry.
+    distortion: array<vec4<f32>, 18>,
+}
+
+/// A body in this frame.
+struct Body {
+    /// Columns of camera_from_body.
+    camera_from_body_x: vec3<f32>,
+    /// Rays start where they cross this depth: close to the body, so that f32 suffices. 0: the camera.
+    reference_depth_m: f32,
+    camera_from_body_y: vec3<f32>,
+    sun_angular_radius: f32,
+    camera_from_body_z: vec3<f32>,
+    /// Solar irradiance at the body over pi, W m^-2 nm^-1.
+    sun_irradiance_over_pi: f32,
+    center_camera_m: vec3<f32>,
+    inverse_sun_distance: f32,
+    /// Centre relative to the first body's, camera axes.
+    center_from_first_m: vec3<f32>,
+    /// How far above the surface shadow rays start, m.
+    ray_offset_m: f32,
+    /// From the body's centre to the Sun, unit; and two axes across it.
+    sun_direction: vec3<f32>,
+    /// Difference in I/F between first-pass samples above which a pixel is refined.
+    contrast: f32,
+    sun_across_u: vec3<f32>,
+    node_first: u32,
+    sun_across_v: vec3<f32>,
+    node_end: u32,
+    /// Projected centre: whole pixels and the rest, so that differences keep their digits.
+    center_px_whole: vec2<i32>,
+    center_px_part: vec2<f32>,
+    center_line_of_sight: vec2<f32>,
+    triangle_first: u32,
+    /// Bit b set: body b may stand between this one and the Sun.
+    shadow_casters: u32,
+    law: u32,
+    phase_law: u32,
+    factor: f32,
+    bounding_radius_m: f32,
+    law_a: vec4<f32>,
+    law_b: vec4<f32>,
+    phase_coefficients: vec4<f32>,
+}
+
+/// A node of the bounding volume hierarchy, depth-first; no stack is needed to walk it.
+struct Node {
+    low: vec3<f32>,
+    /// Where to go on when the box is missed or the leaf is done.
+    escape: u32,
+    high: vec3<f32>,
+    /// 0: an inner node, its first child follows. Else 8 * first triangle + number of triangles.
+    leaf: u32,
+}
+
+struct Vertex {
+    position: vec3<f32>,
+    u: f32,
+    normal: vec3<f32>,
+    v: f32,
+}
+
+struct Surface {
+    body: u32,
+    /// Index into maps, or NONE.
+    albedo_map: u32,
+    slope_map: u32,
+    /// 1: flat shading, normals from the triangles.
+    flat_shading: u32,
+    albedo_factor: f32,
+    double_sided: u32,
+}
+
+/// A texture with its mip levels in `texels`.
+struct Map {
+    first: u32,
+    width: u32,
+    height: u32,
+    levels: u32,
+    /// 0 repeats, 1 clamps, 2 mirrors.
+    wrap_u: u32,
+    wrap_v: u32,
+    scale: f32,
+    padding: u32,
+}
+
+const NONE: u32 = 0xffffffffu;
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> bodies: array<Body>;
+@group(0) @binding(2) var<storage, read> nodes: array<Node>;
+/// Vertex indices and surface of each triangle.
+@group(0) @binding(3) var<storage, read> triangles: array<vec4<u32>>;
+@group(0) @binding(4) var<storage, read> vertices: array<Vertex>;
+/// For each 8 triangles: a direction and the sine of the elevation above which nothing of the
+/// body itself hides the Sun (gpu/horizon.rs).
+@group(0) @binding(5) var<storage, read> horizons: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read> surfaces: array<Surface>;
+@group(0) @binding(7) var<storage, read> maps: array<Map>;
+@group(0) @binding(8) var<storage, read> texels: array<u32>;
