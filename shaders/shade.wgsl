@@ -17,7 +17,7 @@ fn body_seen(triangle_plus_one: u32) -> u32 {
     if triangle_plus_one == 0u {
         return 0u;
     }
-    return surfaces[triangles[triangle_plus_one - 1u].w].body + 1u;
+    return surface_at(triangle_at(triangle_plus_one - 1u).w).body + 1u;
 }
 
 /// A turn of the Sun's disc points for each pixel, so that their pattern leaves no bands.
@@ -60,7 +60,7 @@ fn shade_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
     var least = 3.0e38;
     var most = 0.0;
     for (var k = 0u; k < count; k++) {
-        let cell = vec2<u32>(k % frame.grid, k / frame.grid);
+        let cell = vec2<u32>(k & 1u, k >> 1u);
         let triangle = seen(corner + vec2<i32>(cell)) - 1u;
         let position = vec2<f32>(at) + (vec2<f32>(cell) + 0.5) / f32(frame.grid);
         let sample = shade(triangle, pixel_ray(body, position), 1.0 / f32(frame.grid), k, count, 4u * count, turn);

@@ -24,10 +24,10 @@ fn box_span(low: vec3<f32>, high: vec3<f32>, origin: vec3<f32>, inverse: vec3<f3
 /// Ray parameter at which a triangle is hit, or -inf. Edge functions of shared edges are exact
 /// negatives of each other, so no ray slips between two triangles.
 fn triangle_parameter(triangle: u32, origin: vec3<f32>, direction: vec3<f32>, front_only: bool) -> f32 {
-    let corners = triangles[triangle];
-    let a = vertices[corners.x].position - origin;
-    let b = vertices[corners.y].position - origin;
-    let c = vertices[corners.z].position - origin;
+    let corners = triangle_at(triangle);
+    let a = position_at(corners.x) - origin;
+    let b = position_at(corners.y) - origin;
+    let c = position_at(corners.z) - origin;
     let u = dot(direction, cross(b, c));
     let v = dot(direction, cross(c, a));
     let w = dot(direction, cross(a, b));
@@ -57,7 +57,7 @@ fn nearest_hit(body: u32, ray: Ray, from_depth: f32) -> Hit {
     let end = bodies[body].node_end;
     var node = bodies[body].node_first;
     while node < end {
-        let here = nodes[node];
+        let here = node_at(node);
         let span = box_span(here.low, here.high, ray.origin, inverse);
         if span.x > min(span.y, hit.depth) || span.y < from_depth {
             node = here.escape;
@@ -65,7 +65,7 @@ fn nearest_hit(body: u32, ray: Ray, from_depth: f32) -> Hit {
         }
         let first = here.leaf >> 3u;
         for (var k = 0u; k < (here.leaf & 7u); k++) {
-            let front_only = surfaces[triangles[first + k].w].double_sided == 0u;
+            let front_only = (surface_at(triangle_at(first + k).w).flags & TWO_SIDED) == 0u;
             let depth = triangle_parameter(first + k, ray.origin, ray.direction, front_only);
             if depth > from_depth && depth < hit.depth {
                 hit.depth = depth;
@@ -84,7 +84,7 @@ fn is_blocked(body: u32, origin: vec3<f32>, direction: vec3<f32>) -> bool {
     let end = bodies[body].node_end;
     var node = bodies[body].node_first;
     while node < end {
-        let here = nodes[node];
+        let here = node_at(node);
         let span = box_span(here.low, here.high, origin, inverse);
         if span.x > span.y || span.y < 0.0 {
             node = here.escape;

@@ -50,12 +50,12 @@ fn sees_sun(body: u32, origin: vec3<f32>, direction: vec3<f32>, own_relief: bool
 /// Shades the point where `ray` meets the plane of `triangle`. The Sun's disc is sampled at
 /// points first_sun, first_sun + sun_step, ... below sun_points.
 fn shade(triangle: u32, ray: Ray, sample_size_px: f32, first_sun: u32, sun_step: u32, sun_points: u32, turn: f32) -> Sample {
-    let corners = triangles[triangle];
-    let surface = surfaces[corners.w];
+    let corners = triangle_at(triangle);
+    let surface = surface_at(corners.w);
     let body = surface.body;
-    let a = vertices[corners.x];
-    let b = vertices[corners.y];
-    let c = vertices[corners.z];
+    let a = vertex_at(corners.x);
+    let b = vertex_at(corners.y);
+    let c = vertex_at(corners.z);
     let ab = b.position - a.position;
     let ac = c.position - a.position;
     let area_vector = cross(ab, ac);
@@ -72,10 +72,10 @@ fn shade(triangle: u32, ray: Ray, sample_size_px: f32, first_sun: u32, sun_step:
 
     let to_observer = -normalize(ray.direction);
     var normal = geometric;
-    if surface.flat_shading == 0u {
+    if (surface.flags & FLAT) == 0u {
         normal = normalize(a.normal * weight_a + b.normal * weight_b + c.normal * weight_c);
     }
-    if surface.double_sided == 1u && dot(geometric, to_observer) < 0.0 {
+    if (surface.flags & TWO_SIDED) != 0u && dot(geometric, to_observer) < 0.0 {
         geometric = -geometric;
         normal = -normal;
     }
@@ -111,8 +111,7 @@ fn shade(triangle: u32, ray: Ray, sample_size_px: f32, first_sun: u32, sun_step:
     var value = 0.0;
     var lit = 0.0;
     if dot(normal, sun) > -radius {
-        let horizon = horizons[triangle >> 3u];
-        let own_relief = dot(horizon.xyz, sun) < horizon.w + radius;
+        let own_relief = dot(normal, sun) < horizon_at(triangle) + radius;
         if !own_relief && bodies[body].shadow_casters == 0u {
             value = radiance_factor(body, dot(normal, sun), mu, cos_phase);
             lit = 1.0;

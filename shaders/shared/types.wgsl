@@ -88,10 +88,9 @@ struct Surface {
     /// Index into maps, or NONE.
     albedo_map: u32,
     slope_map: u32,
-    /// 1: flat shading, normals from the triangles.
-    flat_shading: u32,
+    /// FLAT: normals from the triangles; TWO_SIDED.
+    flags: u32,
     albedo_factor: f32,
-    double_sided: u32,
 }
 
 /// A texture with its mip levels in `texels`.
@@ -104,20 +103,71 @@ struct Map {
     wrap_u: u32,
     wrap_v: u32,
     scale: f32,
-    padding: u32,
 }
 
 const NONE: u32 = 0xffffffffu;
+const FLAT: u32 = 1u;
+const TWO_SIDED: u32 = 2u;
+const MOST_BODIES: u32 = 32u;
 
 @group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> bodies: array<Body>;
-@group(0) @binding(2) var<storage, read> nodes: array<Node>;
+@group(0) @binding(1) var<uniform> bodies: array<Body, MOST_BODIES>;
+// Arrays live in textures, 4096 texels a row: Mesa's llvmpipe reads a texture for all lanes at
+// once but a storage buffer lane by lane, ten times slower; on a GPU the two are alike.
+/// Nodes, two texels each.
+@group(0) @binding(2) var node_texels: texture_2d<u32>;
 /// Vertex indices and surface of each triangle.
-@group(0) @binding(3) var<storage, read> triangles: array<vec4<u32>>;
-@group(0) @binding(4) var<storage, read> vertices: array<Vertex>;
-/// For each 8 triangles: a direction and the sine of the elevation above which nothing of the
-/// body itself hides the Sun (gpu/horizon.rs).
-@group(0) @binding(5) var<storage, read> horizons: array<vec4<f32>>;
-@group(0) @binding(6) var<storage, read> surfaces: array<Surface>;
-@group(0) @binding(7) var<storage, read> maps: array<Map>;
-@group(0) @binding(8) var<storage, read> texels: array<u32>;
+@group(0) @binding(3) var triangle_texels: texture_2d<u32>;
+/// Vertices, two texels each.
+@group(0) @binding(4) var vertex_texels: texture_2d<f32>;
+/// For each 8 triangles the sine of the Sun's elevation over the local normal above which nothing
+/// of the body itself hides it (gpu/horizon.rs).
+@group(0) @binding(5) var horizon_texels: texture_2d<f32>;
+/// Surfaces, then maps, two texels each.
+@group(0) @binding(6) var surface_texels: texture_2d<u32>;
+@group(0) @binding(7) var map_texels: texture_2d<u32>;
+@group(0) @binding(8) var texels: texture_2d<u32>;
+
+fn texel_at(index: u32) -> vec2<u32> {
+    return vec2<u32>(index & 4095u, index >> 12u);
+}
+
+fn node_at(index: u32) -> Node {
+    let a = textureLoad(node_texels, texel_at(2u * index), 0);
+    let b = textureLoad(node_texels, texel_at(2u * index + 1u), 0);
+    return Node(bitcast<vec3<f32>>(a.xyz), a.w, bitcast<vec3<f32>>(b.xyz), b.w);
+}
+
+fn triangle_at(index: u32) -> vec4<u32> {
+    return textureLoad(triangle_texels, texel_at(index), 0);
+}
+
+fn position_at(index: u32) -> vec3<f32> {
+    return textureLoad(vertex_texels, texel_at(2u * index), 0).xyz;
+}
+
+fn vertex_at(index: u32) -> Vertex {
+    let a = textureLoad(vertex_texels, texel_at(2u * index), 0);
+    let b = textureLoad(vertex_texels, texel_at(2u * index + 1u), 0);
+    return Vertex(a.xyz, a.w, b.xyz, b.w);
+}
+
+fn horizon_at(triangle: u32) -> f32 {
+    return textureLoad(horizon_texels, texel_at(triangle >> 3u), 0).x;
+}
+
+fn surface_at(index: u32) -> Surface {
+    let a = textureLoad(surface_texels, texel_at(2u * index), 0);
+    let b = textureLoad(surface_texels, texel_at(2u * index + 1u), 0);
+    return Surface(a.x, a.y, a.z, a.w, bitcast<f32>(b.x));
+}
+
+fn map_at(index: u32) -> Map {
+    let a = textureLoad(map_texels, texel_at(2u * index), 0);
+    let b = textureLoad(map_texels, texel_at(2u * index + 1u), 0);
+    return Map(a.x, a.y, a.z, a.w, b.x, b.y, bitcast<f32>(b.z));
+}
+
+fn texel_word(index: u32) -> u32 {
+    return textureLoad(texels, texel_at(index), 0).x;
+}

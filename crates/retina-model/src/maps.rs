@@ -127,8 +127,11 @@ pub(crate) fn luminance(rgb: [f32; 3]) -> f32 {
     0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
 }
 
-/// Most pixels that an image may have: 16 384 x 16 384, as far as GPUs go.
-pub(crate) const MAX_PIXELS: u64 = 1 << 28;
+/// Most pixels of one image by its file's size: a flat JPEG spends two bits on 64 pixels at least,
+/// deflate (PNG, TIFF) shrinks 1032 to 1, with up to 8 pixels a byte. What claims more is lying.
+fn pixels_that_fit(bytes: usize, format: ImageFormat) -> u64 {
+    bytes as u64 * if format == ImageFormat::Jpeg { 256 } else { 8 * 1032 }
+}
 
 /// Decodes an image of one of `formats`, told by its content, of at most `max_pixels`.
 ///
@@ -154,17 +157,22 @@ pub(crate) fn decode_image(
     })?;
     let reader = || ImageReader::with_format(Cursor::new(bytes), format);
     let (width, height) = reader().into_dimensions().map_err(broken)?;
-    if u64::from(width) * u64::from(height) > max_pixels || width == 0 || height == 0 {
+    let pixels = u64::from(width) * u64::from(height);
+    let max_pixels = max_pixels.min(pixels_that_fit(bytes.len(), format));
+    if pixels > max_pixels || pixels == 0 {
         return Err(InputError::new(path, "the image has a size that cannot be taken")
             .at(place)
             .found(format!("{width} x {height} pixels"))
-            .expected(format!("1 to {max_pixels} pixels in all"))
-            .help("scale the image down"));
+            .expected(format!(
+                "1 to {max_pixels} pixels, by what is supported and what {} bytes can hold",
+                bytes.len()
+            ))
+            .help("scale the image down, or save it again if it is damaged"));
     }
     let mut reader = reader();
     let mut limits = Limits::default();
     // 8 bytes a pixel (16-bit RGBA), and as much again for a decoder's own buffers.
-    limits.max_alloc = Some(u64::from(width) * u64::from(height) * 16 + (1 << 20));
+    limits.max_alloc = Some(pixels * 16 + (1 << 20));
     reader.limits(limits);
     reader.decode().map_err(broken)
 }

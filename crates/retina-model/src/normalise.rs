@@ -6,9 +6,9 @@ use retina_files::InputError;
 
 use crate::body::Body;
 
-/// Most samples that the mean takes over the whole body: bounds the work for a file whose texture
-/// coordinates repeat a map thousands of times on each triangle.
-const MAX_SAMPLES: f64 = 2.0e8;
+/// Most samples that the mean takes, for each texel and triangle of the body: bounds the work for a
+/// file whose texture coordinates repeat a map thousands of times on each triangle.
+const SAMPLES_PER_TEXEL: f64 = 8.0;
 
 /// A triangle's grid of samples is as fine as one sample in this many texels along its longest
 /// edge: about one sample a texel of area on the usual right-angled half of a quad.
@@ -22,7 +22,9 @@ impl Body {
     pub fn mean_albedo(&self) -> f64 {
         let steps = |t: usize| self.footprint_texels(t) / TEXELS_PER_STEP;
         let wanted = self.sum_triangles(|t| steps(t).max(1.0).powi(2));
-        let coarser = (MAX_SAMPLES / wanted).sqrt().min(1.0);
+        let texels: usize = self.albedo_maps.iter().map(|m| m.texels.len()).sum();
+        let allowed = SAMPLES_PER_TEXEL * (texels + self.triangles.len()) as f64;
+        let coarser = (allowed / wanted).sqrt().min(1.0);
         let sum = self.sum_triangles(|t| {
             let n = (steps(t) * coarser).ceil().max(1.0) as u32;
             self.doubled_area_m2(t).length() * self.triangle_mean(t, n)

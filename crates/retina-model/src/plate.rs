@@ -6,7 +6,10 @@ use glam::DVec3;
 use image::{DynamicImage, ImageFormat};
 use retina_files::{InputError, read_bytes};
 
-use crate::maps::{MAX_PIXELS, decode_image, linear_luminance};
+use crate::maps::{decode_image, linear_luminance};
+
+/// Most pixels of a map to build from: 64 pixels a degree (23 040 x 11 520) just fit.
+const MAX_PIXELS: u64 = 1 << 28;
 
 /// A global map: longitude from left to right, latitude from +90 degrees at the top to -90.
 pub(crate) struct PlateCarree {

@@ -7,7 +7,7 @@ use image::{DynamicImage, ImageFormat};
 use retina_files::InputError;
 
 use crate::document::{Document, image_bytes};
-use crate::maps::{AlbedoMap, MAX_PIXELS, SlopeMap, Wrap, decode_image, linear_luminance, luminance, slopes};
+use crate::maps::{AlbedoMap, SlopeMap, Wrap, decode_image, linear_luminance, luminance, slopes};
 
 /// Which texture coordinates a primitive needs, and the affine map on them (KHR_texture_transform).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,6 +38,9 @@ pub(crate) struct Material {
     pub(crate) coordinates: Option<Coordinates>,
     pub(crate) double_sided: bool,
 }
+
+/// Most pixels of a body's textures together, 16 384 x 8 192: half a gigabyte once linear.
+const MAX_PIXELS: u64 = 1 << 27;
 
 /// Image index and wrapping: two textures that agree in these share a map.
 type Key = (usize, Wrap, Wrap);

@@ -18,9 +18,9 @@ fn full() -> Draft {
     draft.json["textures"][0]["sampler"] = json!(0);
     draft.json["materials"][0]["normalTexture"] = json!({ "index": 1, "scale": 0.5 });
     let normal = image::RgbImage::from_pixel(2, 2, image::Rgb([140, 120, 240]));
-    let mut png = std::io::Cursor::new(Vec::new());
-    normal.write_to(&mut png, image::ImageFormat::Png).unwrap();
-    let view = draft.view(png.get_ref());
+    let mut jpeg = std::io::Cursor::new(Vec::new());
+    normal.write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
+    let view = draft.view(jpeg.get_ref());
     let images = draft.json["images"].as_array_mut().unwrap();
     images.push(json!({ "bufferView": view }));
     draft.json["textures"].as_array_mut().unwrap().push(json!({ "source": 1 }));

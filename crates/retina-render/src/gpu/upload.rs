@@ -5,7 +5,7 @@ use retina_model::{AlbedoMap, SlopeMap, Wrap};
 
 use super::bvh;
 use super::horizon::{self, PATCH};
-use super::layout::{Map, NONE, Node, Surface, Vertex};
+use super::layout::{FLAT, Map, NONE, Node, Surface, TWO_SIDED, Vertex};
 use crate::BodyModel;
 
 /// All bodies of a scene, one after the other.
@@ -15,7 +15,7 @@ pub(crate) struct SceneArrays {
     /// Vertex indices and surface; 8-aligned for each body by repeating its last triangle.
     pub triangles: Vec<[u32; 4]>,
     pub vertices: Vec<Vertex>,
-    pub horizons: Vec<[f32; 4]>,
+    pub horizons: Vec<f32>,
     pub surfaces: Vec<Surface>,
     pub maps: Vec<Map>,
     pub texels: Vec<u32>,
@@ -62,9 +62,9 @@ impl SceneArrays {
             body,
             albedo_map: surface.albedo_map.map_or(NONE, |map| albedo_first + map as u32),
             slope_map: surface.slope_map.map_or(NONE, |map| slope_first + map as u32),
-            flat_shading: u32::from(surface.flat),
+            flags: if surface.flat { FLAT } else { 0 } | if surface.double_sided { TWO_SIDED } else { 0 },
             albedo_factor: surface.albedo_factor,
-            double_sided: u32::from(surface.double_sided),
+            padding: [0; 3],
         }));
 
         let vertex_first = self.vertices.len() as u32;
