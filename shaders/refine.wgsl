@@ -1,29 +1,78 @@
-//! Stage 3: listed pixels are sampled by rays, one invocation a sample, a chunk of pixels at a
-//! time; then each pixel's samples are summed in their order, so that the sum is the same
-//! whatever order they ran in.
+//! Stage 3: listed pixels are sampled by rays, a chunk of pixels at a time. First one walk a pixel
+//! gathers the triangles that any of its rays may meet; then each sample, an invocation of its own,
+//! looks among those; then a pixel's samples are summed in their order, so that the sum is the
+//! same whatever order they ran in.
+
+struct Chunk {
+    list: u32,
+    /// Slot of the chunk's first pixel in its list.
+    first: u32,
+    pixels: u32,
+    /// log2 of the samples a pixel.
+    samples_log2: u32,
+}
 
 @group(1) @binding(2) var<storage, read_write> samples: array<Sample>;
-/// First listed pixel of this chunk.
-@group(1) @binding(3) var<uniform> chunk_first: vec4<u32>;
+@group(1) @binding(3) var<uniform> chunk: Chunk;
 
-/// Point k of n in the unit square: a Hammersley set, even along both axes and both diagonals.
-fn square_point(k: u32, n: u32) -> vec2<f32> {
-    return vec2<f32>((f32(k) + 0.5) / f32(n), f32(reverseBits(k) >> 8u) / 16777216.0 + 0.5 / f32(n));
+/// For each pixel of the chunk the number of its triangles, then the triangles.
+@group(1) @binding(4) var<storage, read_write> candidates: array<u32>;
+
+/// Places a pixel has in `candidates`; with more triangles its rays walk the hierarchy themselves.
+const CANDIDATES: u32 = 64u;
+
+fn pixel_position(pixel: u32) -> vec2<f32> {
+    return vec2<f32>(f32(pixel % frame.size_px.x), f32(pixel / frame.size_px.x));
 }
 
 @compute @workgroup_size(64)
-fn take_samples(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let invocation = id.y * groups.x * 64u + id.x;
-    let n = frame.refined_samples;
-    let slot = invocation / n;
-    let k = invocation % n;
-    let listed = chunk_first.x + slot;
-    if slot >= frame.chunk_pixels || listed >= atomicLoad(&work.count) {
+fn gather_candidates(@builtin(global_invocation_id) id: vec3<u32>) {
+    let slot = id.x;
+    if slot >= chunk.pixels || chunk.first + slot >= atomicLoad(&work.counts[chunk.list]) {
         return;
     }
-    let pixel = work.pixels[listed];
-    let at = vec2<f32>(f32(pixel % frame.size_px.x), f32(pixel / frame.size_px.x));
-    let position = at + square_point(k, n);
+    let middle = pixel_position(listed_pixel(chunk.list, chunk.first + slot)) + 0.5;
+    let base = slot * CANDIDATES;
+    var found = 0u;
+    for (var body = 0u; body < frame.body_count; body++) {
+        let ray = pixel_ray(body, middle);
+        // Half a pixel's diagonal at the body's far side, and some slack for distortion.
+        let depth = bodies[body].reference_depth_m + select(
+            bodies[body].bounding_radius_m + length(bodies[body].center_camera_m),
+            bodies[body].bounding_radius_m,
+            bodies[body].reference_depth_m > 0.0,
+        );
+        let radius = 0.75 * depth * length(ray.direction) / min(frame.intrinsics_px.x, frame.intrinsics_px.y);
+        let step = bodies[body].box_step_m;
+        let start = (ray.origin - bodies[body].box_low_m) / step;
+        let inverse = safe_inverse(ray.direction / step);
+        let wider = radius / step;
+        let end = bodies[body].node_end;
+        var node = bodies[body].node_first;
+        while node < end {
+            let here = node_at(node);
+            let span = box_span(here.low - wider, here.high + wider, start, inverse);
+            let missed = span.x > span.y || span.y < -bodies[body].reference_depth_m;
+            if here.is_leaf && !missed {
+                for (var k = 0u; k < here.count; k++) {
+                    if is_near_line(here.first + k, ray, radius) {
+                        found++;
+                        if found < CANDIDATES {
+                            candidates[base + found] = here.first + k;
+                        }
+                    }
+                }
+            }
+            node = select(node + 1u, here.escape, missed && !here.is_leaf);
+        }
+        cut_short = cut_short || node < end;
+    }
+    candidates[base] = found;
+    note_cut_short();
+}
+
+/// What the ray of a position meets first, among all triangles.
+fn first_hit(position: vec2<f32>) -> Hit {
     var nearest = Hit(NONE, 0u, 3.0e38);
     var nearest_depth = 3.0e38;
     for (var body = 0u; body < frame.body_count; body++) {
@@ -34,29 +83,83 @@ fn take_samples(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workg
             nearest_depth = start + hit.depth;
         }
     }
+    return nearest;
+}
+
+/// What the ray of a position meets first, among the pixel's candidates; they are in the order of
+/// their bodies.
+fn first_hit_among(position: vec2<f32>, base: u32, count: u32) -> Hit {
+    var nearest = Hit(NONE, 0u, 3.0e38);
+    var nearest_depth = 3.0e38;
+    var body = NONE;
+    var ray = Ray(vec3<f32>(0.0), vec3<f32>(0.0));
+    for (var k = 1u; k <= count; k++) {
+        let triangle = candidates[base + k];
+        if body == NONE || triangle >= bodies[body].triangle_end {
+            body = body_of(triangle);
+            ray = pixel_ray(body, position);
+        }
+        let start = bodies[body].reference_depth_m;
+        let depth = triangle_parameter(triangle, ray.origin, ray.direction, false);
+        if depth > -start && start + depth < nearest_depth {
+            nearest = Hit(triangle, body, depth);
+            nearest_depth = start + depth;
+        }
+    }
+    return nearest;
+}
+
+/// Point k of n in the unit square: a Hammersley set, even along both axes and both diagonals.
+fn square_point(k: u32, n: u32) -> vec2<f32> {
+    return vec2<f32>((f32(k) + 0.5) / f32(n), f32(reverseBits(k) >> 8u) / 16777216.0 + 0.5 / f32(n));
+}
+
+/// A turn of the Sun's disc points for each pixel, so that their pattern leaves no bands.
+fn pixel_turn(pixel: u32) -> f32 {
+    var h = pixel * 0x9e3779b9u;
+    h = (h ^ (h >> 16u)) * 0x85ebca6bu;
+    h = (h ^ (h >> 13u)) * 0xc2b2ae35u;
+    return f32((h ^ (h >> 16u)) >> 8u) * (6.28318531 / 16777216.0);
+}
+
+@compute @workgroup_size(64)
+fn take_samples(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let invocation = id.y * groups.x * 64u + id.x;
+    let n = 1u << chunk.samples_log2;
+    let slot = invocation >> chunk.samples_log2;
+    let k = invocation & (n - 1u);
+    if slot >= chunk.pixels || chunk.first + slot >= atomicLoad(&work.counts[chunk.list]) {
+        return;
+    }
+    let pixel = listed_pixel(chunk.list, chunk.first + slot);
+    let position = pixel_position(pixel) + square_point(k, n);
+    let count = candidates[slot * CANDIDATES];
+    var nearest = Hit(NONE, 0u, 3.0e38);
+    if count < CANDIDATES {
+        nearest = first_hit_among(position, slot * CANDIDATES, count);
+    } else {
+        nearest = first_hit(position);
+    }
     var sample = sky();
     if nearest.triangle != NONE {
-        // Two points of the Sun's disc a sample, from all over the disc for neighbouring samples.
-        let sun = (k * 27u) % n;
-        sample = shade(nearest.triangle, pixel_ray(nearest.body, position), inverseSqrt(f32(n)), sun, n, 2u * n, 0.0);
+        // One point of the Sun's disc a sample, from all over the disc for neighbouring samples.
+        let sunlight = Sunlight((k * 27u) & (n - 1u), n, n, pixel_turn(pixel), SUN_SAMPLED);
+        sample = shade(nearest.triangle, pixel_ray(nearest.body, position), inverseSqrt(f32(n)), sunlight);
     }
     samples[invocation] = sample;
-    if cut_short {
-        atomicAdd(&work.cut_short, 1u);
-    }
+    note_cut_short();
 }
 
 @compute @workgroup_size(64)
 fn sum_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let slot = id.x;
-    let listed = chunk_first.x + slot;
-    if slot >= frame.chunk_pixels || listed >= atomicLoad(&work.count) {
+    if slot >= chunk.pixels || chunk.first + slot >= atomicLoad(&work.counts[chunk.list]) {
         return;
     }
-    let n = frame.refined_samples;
+    let n = 1u << chunk.samples_log2;
     var total = sky();
     for (var k = 0u; k < n; k++) {
-        total = sum_of(total, samples[slot * n + k]);
+        total = sum_of(total, samples[(slot << chunk.samples_log2) + k]);
     }
-    store_pixel(work.pixels[listed], total, f32(n));
+    store_pixel(listed_pixel(chunk.list, chunk.first + slot), total, f32(n));
 }

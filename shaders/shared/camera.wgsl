@@ -41,6 +41,24 @@ fn to_body(body: u32, vector_camera: vec3<f32>) -> vec3<f32> {
     );
 }
 
+/// The camera's x axis in a body's axes.
+fn body_x_of_camera(body: u32) -> vec3<f32> {
+    return vec3<f32>(
+        bodies[body].camera_from_body_x.x,
+        bodies[body].camera_from_body_y.x,
+        bodies[body].camera_from_body_z.x,
+    );
+}
+
+/// The camera's y axis in a body's axes.
+fn body_y_of_camera(body: u32) -> vec3<f32> {
+    return vec3<f32>(
+        bodies[body].camera_from_body_x.y,
+        bodies[body].camera_from_body_y.y,
+        bodies[body].camera_from_body_z.y,
+    );
+}
+
 fn to_camera(body: u32, vector_body: vec3<f32>) -> vec3<f32> {
     return bodies[body].camera_from_body_x * vector_body.x
         + bodies[body].camera_from_body_y * vector_body.y

@@ -1,14 +1,16 @@
-//! Where samples are summed and pixels are stored.
+//! Where samples are summed, pixels are stored, and pixels wait for further work.
 
-/// true: all layers are stored, else radiance and I/F alone.
-override LAYERS: bool = false;
+/// Lists of pixels, each as long as the image has pixels.
+const LIST_SHADOW: u32 = 0u;
+const LIST_EDGE: u32 = 1u;
+const LIST_INNER: u32 = 2u;
 
 struct Work {
-    /// Pixels to refine.
-    count: atomic<u32>,
+    /// Length of each list.
+    counts: array<atomic<u32>, 3>,
     /// Walks that ended before their time (see intersect.wgsl); must stay 0.
     cut_short: atomic<u32>,
-    /// Pixel indices, row by row.
+    /// Pixel indices, list after list.
     pixels: array<u32>,
 }
 
@@ -16,6 +18,21 @@ struct Work {
 /// normal x y z, incidence, emission, phase (deg), shadow.
 @group(1) @binding(0) var<storage, read_write> planes: array<f32>;
 @group(1) @binding(1) var<storage, read_write> work: Work;
+
+fn list_pixel(list: u32, pixel: u32) {
+    let slot = atomicAdd(&work.counts[list], 1u);
+    work.pixels[list * frame.size_px.x * frame.size_px.y + slot] = pixel;
+}
+
+fn listed_pixel(list: u32, slot: u32) -> u32 {
+    return work.pixels[list * frame.size_px.x * frame.size_px.y + slot];
+}
+
+fn note_cut_short() {
+    if cut_short {
+        atomicAdd(&work.cut_short, 1u);
+    }
+}
 
 fn sum_of(a: Sample, b: Sample) -> Sample {
     return Sample(
@@ -28,6 +45,8 @@ fn sum_of(a: Sample, b: Sample) -> Sample {
         a.emission + b.emission,
         a.phase + b.phase,
         a.shadow + b.shadow,
+        a.untextured + b.untextured,
+        a.in_doubt + b.in_doubt,
     );
 }
 
@@ -49,5 +68,15 @@ fn store_pixel(pixel: u32, total: Sample, count: f32) {
         planes[8u * plane + pixel] = degrees(total.emission / hits);
         planes[9u * plane + pixel] = degrees(total.phase / hits);
         planes[10u * plane + pixel] = total.shadow / hits;
+    }
+}
+
+/// Takes the light from a pixel that lies in shadow as a whole.
+fn darken_pixel(pixel: u32) {
+    let plane = frame.size_px.x * frame.size_px.y;
+    planes[pixel] = 0.0;
+    planes[plane + pixel] = 0.0;
+    if LAYERS {
+        planes[10u * plane + pixel] = 1.0;
     }
 }

@@ -52,16 +52,53 @@ fn albedo_at_level(map: Map, uv: vec2<f32>, level: u32) -> f32 {
     return mix(row.x, row.y, fraction) * map.scale;
 }
 
-/// Relative albedo, trilinear between mip levels; `footprint_uv2` is the sample's area in uv.
-fn albedo(index: u32, uv: vec2<f32>, footprint_uv2: f32) -> f32 {
+/// The parallelogram of texture coordinates that a sample covers.
+struct Footprint {
+    uv: vec2<f32>,
+    along_x: vec2<f32>,
+    along_y: vec2<f32>,
+}
+
+/// How a footprint is averaged: reads of one mip level, spread over the parallelogram.
+struct Taps {
+    level: u32,
+    count: u32,
+}
+
+const MOST_TAPS: f32 = 12.0;
+
+/// The level whose texels are as fine as the footprint is narrow, and as many reads as it takes
+/// to cover the footprint's length: towards the limb footprints are long and narrow.
+fn taps_of(map: Map, footprint: Footprint) -> Taps {
+    let size = vec2<f32>(f32(map.width), f32(map.height));
+    let a = footprint.along_x * size;
+    let b = footprint.along_y * size;
+    let longest = max(length(a + b), length(a - b));
+    let narrow = abs(a.x * b.y - a.y * b.x) / max(longest, 1.0e-6);
+    let texel = max(max(narrow, longest / MOST_TAPS), 1.0);
+    let level = min(floor(log2(texel)), f32(map.levels - 1u));
+    let count = clamp(ceil(1.2 * longest * exp2(-level)), 1.0, MOST_TAPS);
+    return Taps(u32(level), u32(count));
+}
+
+/// Read k of n: a golden-section lattice over the parallelogram, symmetric about its middle, so
+/// that the mean is not shifted.
+fn tap_uv(footprint: Footprint, k: u32, n: u32) -> vec2<f32> {
+    let from_middle = f32(k) - 0.5 * f32(n - 1u);
+    let x = from_middle / f32(n);
+    let y = fract(0.5 + 0.618034 * from_middle) - 0.5;
+    return footprint.uv + footprint.along_x * x + footprint.along_y * y;
+}
+
+/// Mean relative albedo over a footprint.
+fn albedo(index: u32, footprint: Footprint) -> f32 {
     let map = map_at(index);
-    let texels_covered = footprint_uv2 * f32(map.width) * f32(map.height);
-    let level = clamp(0.5 * log2(max(texels_covered, 1.0e-12)), 0.0, f32(map.levels - 1u));
-    let low = albedo_at_level(map, uv, u32(level));
-    if fract(level) < 0.01 {
-        return low;
+    let taps = taps_of(map, footprint);
+    var sum = 0.0;
+    for (var k = 0u; k < taps.count; k++) {
+        sum += albedo_at_level(map, tap_uv(footprint, k, taps.count), taps.level);
     }
-    return mix(low, albedo_at_level(map, uv, u32(level) + 1u), fract(level));
+    return sum / f32(taps.count);
 }
 
 fn slope_texel(map: Map, at: Level, x: i32, y: i32) -> vec2<f32> {
@@ -83,11 +120,13 @@ fn slope_at_level(map: Map, uv: vec2<f32>, level: u32) -> vec2<f32> {
     return mix(top, bottom, part.y);
 }
 
-/// Tangent-space slopes, averaged as slopes: the mean of a relief's normals is its mean slope.
-fn slope(index: u32, uv: vec2<f32>, footprint_uv2: f32) -> vec2<f32> {
+/// Mean tangent-space slopes over a footprint: the mean of a relief's normals is its mean slope.
+fn slope(index: u32, footprint: Footprint) -> vec2<f32> {
     let map = map_at(index);
-    let texels_covered = footprint_uv2 * f32(map.width) * f32(map.height);
-    let level = clamp(0.5 * log2(max(texels_covered, 1.0e-12)), 0.0, f32(map.levels - 1u));
-    let upper = min(u32(level) + 1u, map.levels - 1u);
-    return mix(slope_at_level(map, uv, u32(level)), slope_at_level(map, uv, upper), fract(level));
+    let taps = taps_of(map, footprint);
+    var sum = vec2<f32>(0.0);
+    for (var k = 0u; k < taps.count; k++) {
+        sum += slope_at_level(map, tap_uv(footprint, k, taps.count), taps.level);
+    }
+    return sum / f32(taps.count);
 }

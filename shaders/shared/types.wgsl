@@ -12,15 +12,12 @@ struct Frame {
     region_size_px: vec2<u32>,
     /// First-pass samples a pixel, along one axis.
     grid: u32,
-    /// Samples of a refined pixel.
-    refined_samples: u32,
     body_count: u32,
     /// Degree of the distortion polynomial; 0: none.
     distortion_degree: u32,
-    /// Refined pixels worked on at a time.
-    chunk_pixels: u32,
     /// Depth of the near plane for the depth buffer, m.
     near_m: f32,
+    padding: vec2<u32>,
     /// Coefficients of x^i y^j, ordered by i then j, two (a, b) pairs an entry.
     distortion: array<vec4<f32>, 18>,
 }
@@ -42,14 +39,17 @@ struct Body {
     center_from_first_m: vec3<f32>,
     /// How far above the surface shadow rays start, m.
     ray_offset_m: f32,
-    /// From the body's centre to the Sun, unit; and two axes across it.
+    /// From the body's centre to the Sun, unit; and a direction across it.
     sun_direction: vec3<f32>,
     /// Difference in I/F between first-pass samples above which a pixel is refined.
     contrast: f32,
-    sun_across_u: vec3<f32>,
+    sun_across: vec3<f32>,
     node_first: u32,
-    sun_across_v: vec3<f32>,
+    /// Boxes of the hierarchy are counted in steps of `box_step_m` from `box_low_m`.
+    box_low_m: vec3<f32>,
     node_end: u32,
+    box_step_m: vec3<f32>,
+    triangle_end: u32,
     /// Projected centre: whole pixels and the rest, so that differences keep their digits.
     center_px_whole: vec2<i32>,
     center_px_part: vec2<f32>,
@@ -68,12 +68,15 @@ struct Body {
 
 /// A node of the bounding volume hierarchy, depth-first; no stack is needed to walk it.
 struct Node {
+    /// Corners of the box, in the body's box steps, rounded outwards.
     low: vec3<f32>,
-    /// Where to go on when the box is missed or the leaf is done.
-    escape: u32,
     high: vec3<f32>,
-    /// 0: an inner node, its first child follows. Else 8 * first triangle + number of triangles.
-    leaf: u32,
+    is_leaf: bool,
+    /// Inner node: where to go on when the box is missed; its first child is the next node.
+    escape: u32,
+    /// Leaf: its triangles; the next node follows.
+    first: u32,
+    count: u32,
 }
 
 struct Vertex {
@@ -114,12 +117,14 @@ const MOST_BODIES: u32 = 32u;
 @group(0) @binding(1) var<uniform> bodies: array<Body, MOST_BODIES>;
 // Arrays live in textures, 4096 texels a row: Mesa's llvmpipe reads a texture for all lanes at
 // once but a storage buffer lane by lane, ten times slower; on a GPU the two are alike.
-/// Nodes, two texels each.
+/// Nodes: three words low | high << 16, and a link.
 @group(0) @binding(2) var node_texels: texture_2d<u32>;
 /// Vertex indices and surface of each triangle.
 @group(0) @binding(3) var triangle_texels: texture_2d<u32>;
 /// Vertices, two texels each.
 @group(0) @binding(4) var vertex_texels: texture_2d<f32>;
+/// Corners of each triangle, three texels; the first one's w is 1 where both sides are seen.
+@group(0) @binding(9) var corner_texels: texture_2d<f32>;
 /// For each 8 triangles the sine of the Sun's elevation over the local normal above which nothing
 /// of the body itself hides it (gpu/horizon.rs).
 @group(0) @binding(5) var horizon_texels: texture_2d<f32>;
@@ -128,22 +133,38 @@ const MOST_BODIES: u32 = 32u;
 @group(0) @binding(7) var map_texels: texture_2d<u32>;
 @group(0) @binding(8) var texels: texture_2d<u32>;
 
+/// The body whose triangle it is.
+fn body_of(triangle: u32) -> u32 {
+    var body = 0u;
+    while body + 1u < frame.body_count && triangle >= bodies[body].triangle_end {
+        body++;
+    }
+    return body;
+}
+
 fn texel_at(index: u32) -> vec2<u32> {
     return vec2<u32>(index & 4095u, index >> 12u);
 }
 
 fn node_at(index: u32) -> Node {
-    let a = textureLoad(node_texels, texel_at(2u * index), 0);
-    let b = textureLoad(node_texels, texel_at(2u * index + 1u), 0);
-    return Node(bitcast<vec3<f32>>(a.xyz), a.w, bitcast<vec3<f32>>(b.xyz), b.w);
+    let words = textureLoad(node_texels, texel_at(index), 0);
+    let link = words.w;
+    return Node(
+        vec3<f32>(words.xyz & vec3<u32>(0xffffu)),
+        vec3<f32>(words.xyz >> vec3<u32>(16u)),
+        (link >> 31u) == 1u,
+        link,
+        link & 0x0fffffffu,
+        (link >> 28u) & 7u,
+    );
 }
 
 fn triangle_at(index: u32) -> vec4<u32> {
     return textureLoad(triangle_texels, texel_at(index), 0);
 }
 
-fn position_at(index: u32) -> vec3<f32> {
-    return textureLoad(vertex_texels, texel_at(2u * index), 0).xyz;
+fn corner_at(triangle: u32, corner: u32) -> vec4<f32> {
+    return textureLoad(corner_texels, texel_at(3u * triangle + corner), 0);
 }
 
 fn vertex_at(index: u32) -> Vertex {

@@ -9,6 +9,7 @@ fn main() {
     let t = Instant::now();
     let mut body = retina_model::load_body(Path::new(&args[1])).unwrap();
     if args.iter().any(|a| a == "smooth") { body.smooth_normals(); }
+    if args.iter().any(|a| a == "notex") { for s in &mut body.surfaces { s.albedo_map = None; s.albedo_factor = 1.0; } }
     println!("load {:?} {} tri", t.elapsed(), body.triangles.len());
     let phase: f64 = args[2].parse().unwrap();
     let dist: f64 = args[3].parse().unwrap();
@@ -20,9 +21,8 @@ fn main() {
     let cfb = DMat3::from_cols(DVec3::new(0.,0.,-1.), DVec3::new(1.,0.,0.), DVec3::new(0.,-1.,0.)) * DMat3::from_quat(DQuat::from_rotation_z(0.3)*DQuat::from_rotation_y(0.1));
     let a = phase.to_radians();
     let sun_cam = DVec3::new(a.sin(), 0.1*a.sin(), -a.cos()).normalize();
-    let state = FrameState { image, distortion: None, bodies: vec![BodyState { position_camera_m: DVec3::new(3.3e4, -2.2e4, dist), camera_from_body: cfb, sun_position_body_m: cfb.transpose()*sun_cam*AU_M }] };
+    let state = FrameState { image, distortion: None, bodies: vec![BodyState { position_camera_m: DVec3::new(args.iter().find_map(|a| a.strip_prefix("x=")).map_or(3.3e4, |v| v.parse().unwrap()), -2.2e4, dist), camera_from_body: cfb, sun_position_body_m: cfb.transpose()*sun_cam*AU_M }] };
     let layers = if args.iter().any(|a| a=="layers") { Planes::Layers } else { Planes::RadianceFactor };
-    if args.iter().any(|a| a=="stats") { stats(std::slice::from_ref(&model)); return; }
     let q = if args.iter().any(|a| a=="best") { Quality::Best } else if args.iter().any(|a| a=="draft") {Quality::Draft} else { Quality::Default };
     let t = Instant::now();
     let gpu = GpuDevice::open().unwrap();

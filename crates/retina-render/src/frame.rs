@@ -58,13 +58,18 @@ pub enum Quality {
 }
 
 impl Quality {
-    /// Samples of a refined pixel, a power of two.
-    pub fn refined_samples(self) -> u32 {
+    /// log2 of the samples of a pixel on an edge of visibility.
+    pub fn edge_samples_log2(self) -> u32 {
         match self {
-            Self::Draft => 16,
-            Self::Default => 64,
-            Self::Best => 256,
+            Self::Draft => 4,
+            Self::Default => 6,
+            Self::Best => 8,
         }
+    }
+
+    /// log2 of the samples of a pixel inside a body that is refined.
+    pub fn inner_samples_log2(self) -> u32 {
+        self.edge_samples_log2() - 2
     }
 
     /// A pixel is refined when its first samples differ by more than this part of the body's

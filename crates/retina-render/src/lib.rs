@@ -5,4 +5,4 @@ mod gpu;
 
 pub use cpu::{CpuRenderer, CpuSampling};
 pub use frame::{BodyModel, BodyState, FrameState, PLANE_NAMES, Planes, Quality, RadianceImage, RenderError};
-pub use gpu::{stats, FRAMES_IN_FLIGHT, GpuDevice, GpuRenderer, GpuWarp};
+pub use gpu::{FRAMES_IN_FLIGHT, GpuDevice, GpuRenderer, GpuWarp};

@@ -1,11 +1,58 @@
 //! The bounding volume hierarchy that rays walk on the GPU.
 
-use super::layout::Node;
+/// A node, depth-first: an inner node's first child is the next node.
+#[derive(Clone, Copy)]
+pub(crate) struct Node {
+    pub low: [f32; 3],
+    pub high: [f32; 3],
+    /// Where to go on when the box is missed.
+    pub escape: u32,
+    /// Triangles of a leaf; none for an inner node.
+    pub first: u32,
+    pub count: u32,
+}
 
 /// A hierarchy in depth-first order, and the order its triangles are to be stored in.
 pub(crate) struct Hierarchy {
     pub nodes: Vec<Node>,
     pub order: Vec<u32>,
+}
+
+/// A hierarchy's nodes as the shaders read them: boxes in 16-bit steps, rounded outwards, and a
+/// link; half the memory of f32 boxes, and memory is what rays wait for.
+pub(crate) struct PackedNodes {
+    pub words: Vec<[u32; 4]>,
+    pub box_low: [f32; 3],
+    pub box_step: [f32; 3],
+}
+
+impl Hierarchy {
+    /// Packs the nodes; links count from `first_node`.
+    pub(crate) fn pack(&self, first_node: u32) -> PackedNodes {
+        let root = self.nodes.first();
+        let low: [f32; 3] = root.map_or([0.0; 3], |root| root.low);
+        // 65533 steps and one of slack at either end, so that rounding never leaves the range.
+        let step: [f32; 3] = std::array::from_fn(|k| {
+            let extent = root.map_or(1.0, |root| root.high[k] - root.low[k]);
+            (extent / 65_533.0).max(extent.max(1e-30) * 1e-9).max(f32::MIN_POSITIVE)
+        });
+        let low: [f32; 3] = std::array::from_fn(|k| low[k] - step[k]);
+        let words = self
+            .nodes
+            .iter()
+            .map(|node| {
+                let mut words = [0u32; 4];
+                for k in 0..3 {
+                    let down = (((node.low[k] - low[k]) / step[k]).floor() - 1.0).clamp(0.0, 65_535.0);
+                    let up = (((node.high[k] - low[k]) / step[k]).ceil() + 1.0).clamp(0.0, 65_535.0);
+                    words[k] = down as u32 | (up as u32) << 16;
+                }
+                words[3] = if node.count > 0 { 1 << 31 | node.count << 28 | node.first } else { first_node + node.escape };
+                words
+            })
+            .collect();
+        PackedNodes { words, box_low: low, box_step: step }
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -47,8 +94,8 @@ const LEAF_TRIANGLES: usize = 4;
 const PARALLEL_ABOVE: usize = 4096;
 
 /// Builds the hierarchy of `triangles` over `positions` by binned surface-area splits.
-/// Numbering starts at `first_node` and `first_triangle`.
-pub(crate) fn build(positions: &[[f32; 3]], triangles: &[[u32; 3]], first_node: u32, first_triangle: u32) -> Hierarchy {
+/// Triangles are numbered from `first_triangle`.
+pub(crate) fn build(positions: &[[f32; 3]], triangles: &[[u32; 3]], first_triangle: u32) -> Hierarchy {
     let mut items: Vec<Item> = triangles
         .iter()
         .enumerate()
@@ -70,7 +117,7 @@ pub(crate) fn build(positions: &[[f32; 3]], triangles: &[[u32; 3]], first_node: 
         .collect();
     let mut out = Hierarchy { nodes: Vec::with_capacity(triangles.len() / 2), order: Vec::with_capacity(triangles.len()) };
     if !items.is_empty() {
-        flatten(&split(&mut items), first_node, first_triangle, &mut out);
+        flatten(&split(&mut items), first_triangle, &mut out);
     }
     out
 }
@@ -129,21 +176,22 @@ fn partition(items: &mut [Item], centres: &Bounds) -> usize {
     if middle == 0 || middle == items.len() { half } else { middle }
 }
 
-fn flatten(tree: &Tree, first_node: u32, first_triangle: u32, out: &mut Hierarchy) {
+fn flatten(tree: &Tree, first_triangle: u32, out: &mut Hierarchy) {
     let index = out.nodes.len();
     let bounds = match tree {
         Tree::Leaf(bounds, _) | Tree::Inner(bounds, _) => bounds,
     };
-    out.nodes.push(Node { low: bounds.low, high: bounds.high, ..Node::default() });
+    out.nodes.push(Node { low: bounds.low, high: bounds.high, escape: 0, first: 0, count: 0 });
     match tree {
         Tree::Leaf(_, triangles) => {
-            out.nodes[index].leaf = 8 * (first_triangle + out.order.len() as u32) + triangles.len() as u32;
+            out.nodes[index].first = first_triangle + out.order.len() as u32;
+            out.nodes[index].count = triangles.len() as u32;
             out.order.extend(triangles);
         }
         Tree::Inner(_, children) => {
-            flatten(&children.0, first_node, first_triangle, out);
-            flatten(&children.1, first_node, first_triangle, out);
+            flatten(&children.0, first_triangle, out);
+            flatten(&children.1, first_triangle, out);
         }
     }
-    out.nodes[index].escape = first_node + out.nodes.len() as u32;
+    out.nodes[index].escape = out.nodes.len() as u32;
 }

@@ -10,7 +10,8 @@
 use glam::Vec3A;
 use rayon::prelude::*;
 
-use super::layout::{Node, Vertex};
+use super::bvh::Node;
+use super::layout::Vertex;
 
 /// Triangles in a patch; the shader divides triangle indices by it.
 pub(crate) const PATCH: usize = 8;
@@ -19,20 +20,19 @@ const NEAR_RADII: f32 = 3.0;
 
 /// For each patch the sine of the Sun's elevation over the local normal (of the facets, and of the
 /// vertices where they are smooth) above which it is in sight; 2 where nothing is known.
-/// `triangles` and `nodes` are one body's, `first_triangle` and `first_node` its offsets.
+/// `triangles` and `nodes` are one body's, `first_triangle` where its triangles start.
 pub(crate) fn horizons(
     vertices: &[Vertex],
     triangles: &[[u32; 4]],
     nodes: &[Node],
     first_triangle: u32,
-    first_node: u32,
 ) -> Vec<f32> {
     let corner = |index: u32| Vec3A::from_array(vertices[index as usize].position);
     let body = BodyView { corners: &|t: &[u32; 4]| [corner(t[0]), corner(t[1]), corner(t[2])], triangles, nodes };
     triangles
         .par_chunks(PATCH)
         .map(|patch| {
-            let (up, sine) = body.bound(patch, first_triangle, first_node);
+            let (up, sine) = body.bound(patch, first_triangle);
             if sine > 1.0 {
                 return UNKNOWN;
             }
@@ -62,7 +62,7 @@ struct BodyView<'a> {
 const UNKNOWN: f32 = 2.0;
 
 impl BodyView<'_> {
-    fn bound(&self, patch: &[[u32; 4]], first_triangle: u32, first_node: u32) -> (Vec3A, f32) {
+    fn bound(&self, patch: &[[u32; 4]], first_triangle: u32) -> (Vec3A, f32) {
         let (mut up, mut centre, mut count) = (Vec3A::ZERO, Vec3A::ZERO, 0.0);
         for triangle in patch {
             let [a, b, c] = (self.corners)(triangle);
@@ -91,12 +91,12 @@ impl BodyView<'_> {
             let beyond_near = distance > 1.5 * near;
             let harmless = height <= 0.0 || height <= sine * (distance - radius);
             if beyond_near && harmless {
-                index = (node.escape - first_node) as usize;
+                index = node.escape as usize;
                 continue;
             }
-            if node.leaf != 0 {
-                let first = (node.leaf / 8 - first_triangle) as usize;
-                for triangle in &self.triangles[first..first + (node.leaf % 8) as usize] {
+            if node.count > 0 {
+                let first = (node.first - first_triangle) as usize;
+                for triangle in &self.triangles[first..first + node.count as usize] {
                     sine = sine.max(self.triangle_bound(triangle, centre, up, radius, lowest, near));
                     if sine > 1.0 {
                         return (up, UNKNOWN);

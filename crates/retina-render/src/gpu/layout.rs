@@ -15,11 +15,10 @@ pub(crate) struct Frame {
     pub region_origin_px: [u32; 2],
     pub region_size_px: [u32; 2],
     pub grid: u32,
-    pub refined_samples: u32,
     pub body_count: u32,
     pub distortion_degree: u32,
-    pub chunk_pixels: u32,
     pub near_m: f32,
+    pub padding: [u32; 2],
     pub distortion: [[f32; 4]; 18],
 }
 
@@ -38,10 +37,12 @@ pub(crate) struct Body {
     pub ray_offset_m: f32,
     pub sun_direction: [f32; 3],
     pub contrast: f32,
-    pub sun_across_u: [f32; 3],
+    pub sun_across: [f32; 3],
     pub node_first: u32,
-    pub sun_across_v: [f32; 3],
+    pub box_low_m: [f32; 3],
     pub node_end: u32,
+    pub box_step_m: [f32; 3],
+    pub triangle_end: u32,
     pub center_px_whole: [i32; 2],
     pub center_px_part: [f32; 2],
     pub center_line_of_sight: [f32; 2],
@@ -54,15 +55,6 @@ pub(crate) struct Body {
     pub law_a: [f32; 4],
     pub law_b: [f32; 4],
     pub phase_coefficients: [f32; 4],
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub(crate) struct Node {
-    pub low: [f32; 3],
-    pub escape: u32,
-    pub high: [f32; 3],
-    pub leaf: u32,
 }
 
 #[repr(C)]
@@ -105,6 +97,26 @@ pub(crate) struct Warp {
     pub source_size_px: [u32; 2],
 }
 
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct Chunk {
+    pub list: u32,
+    pub first: u32,
+    pub pixels: u32,
+    pub samples_log2: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct Plan {
+    pub edge_pixels: u32,
+    pub edge_samples_log2: u32,
+    pub inner_pixels: u32,
+    pub inner_samples_log2: u32,
+    pub edge_chunks: u32,
+    pub inner_chunks: u32,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -135,15 +147,20 @@ mod tests {
     fn every_shared_struct_has_nagas_layout() {
         let module = naga::front::wgsl::parse_str(&crate::gpu::shaders::refine()).unwrap();
         check!(&module, Frame {
-            intrinsics_px, size_px, region_origin_px, region_size_px, grid, refined_samples, body_count,
-            distortion_degree, chunk_pixels, near_m, distortion,
+            intrinsics_px, size_px, region_origin_px, region_size_px, grid, body_count,
+            distortion_degree, near_m, padding, distortion,
         });
         check!(&module, Body {
             camera_from_body_x, reference_depth_m, camera_from_body_y, sun_angular_radius, camera_from_body_z,
             sun_irradiance_over_pi, center_camera_m, inverse_sun_distance, center_from_first_m, ray_offset_m,
-            sun_direction, contrast, sun_across_u, node_first, sun_across_v, node_end, center_px_whole,
+            sun_direction, contrast, sun_across, node_first, box_low_m, node_end, box_step_m, triangle_end, center_px_whole,
             center_px_part, center_line_of_sight, triangle_first, shadow_casters, law, phase_law, factor,
             bounding_radius_m, law_a, law_b, phase_coefficients,
+        });
+        check!(&module, Chunk { list, first, pixels, samples_log2 });
+        let module = naga::front::wgsl::parse_str(&crate::gpu::shaders::refine_plan()).unwrap();
+        check!(&module, Plan {
+            edge_pixels, edge_samples_log2, inner_pixels, inner_samples_log2, edge_chunks, inner_chunks,
         });
         let module = naga::front::wgsl::parse_str(&crate::gpu::shaders::warp()).unwrap();
         check!(&module, Warp { source_origin_px, source_size_px });

@@ -2,10 +2,11 @@
 //!
 //! 1. `visibility`: every triangle is rasterised at 2 x 2 samples a pixel; each sample keeps the
 //!    index of the triangle it sees.
-//! 2. `shade`: each sample is shaded at the exact point where its ray meets that triangle. Sun
-//!    rays are traced only where the body's relief (bounded beforehand, [`horizon`]) or another
-//!    body may stand before the Sun. Pixels on an edge, or whose samples differ, are listed.
-//! 3. `refine`: listed pixels are sampled anew by 16, 64 or 256 rays.
+//! 2. `shade`: each sample is shaded at the exact point where its ray meets that triangle. Pixels
+//!    on an edge, or whose samples differ, are listed; where the body's relief (bounded
+//!    beforehand, [`horizon`]) or another body may stand before the Sun, one ray a pixel probes
+//!    it, and pixels on a shadow's edge are listed too.
+//! 3. `refine`: listed pixels are sampled anew, each sample with a primary and a Sun ray.
 
 mod bvh;
 mod device;
@@ -23,7 +24,7 @@ pub use device::GpuDevice;
 pub use warp::GpuWarp;
 
 use crate::{BodyModel, FrameState, Planes, Quality, RadianceImage, RenderError};
-use layout::{Body, Frame, MOST_BODIES};
+use layout::{Body, Chunk, Frame, MOST_BODIES, Plan};
 use pipelines::{DEPTH_FORMAT, Pipelines, VISIBILITY_FORMAT};
 use state::{GRID, Region};
 use upload::{BodyRange, SceneArrays};
@@ -31,7 +32,17 @@ use upload::{BodyRange, SceneArrays};
 /// Most bytes that the refinement's samples take at a time.
 const SAMPLE_BYTES: u64 = 48 << 20;
 /// Size of `Sample` in shaders/shared/surface.wgsl.
-const SAMPLE_SIZE: u64 = 48;
+const SAMPLE_SIZE: u64 = 64;
+/// `CANDIDATES` in shaders/refine.wgsl.
+const CANDIDATES: u64 = 64;
+/// Size of the arguments of an indirect dispatch.
+const DISPATCH_BYTES: u64 = 12;
+/// The lists of shaders/shared/output.wgsl, and how many there are.
+const LIST_EDGE: u32 = 1;
+const LIST_INNER: u32 = 2;
+const LISTS: u64 = 3;
+/// Lists' lengths and the count of walks cut short, at the head of the work buffer.
+const WORK_HEAD: u64 = 16;
 /// Uniform offsets are aligned to this on every adapter.
 const UNIFORM_STRIDE: u64 = 256;
 /// Frames that may be under way at a time.
@@ -67,9 +78,9 @@ struct Targets {
     depth: wgpu::TextureView,
     planes: wgpu::Buffer,
     work: wgpu::Buffer,
+    light: wgpu::Buffer,
     dispatches: wgpu::Buffer,
-    chunk_pixels: u32,
-    chunks: u32,
+    chunks: Vec<Chunk>,
     shade_group: wgpu::BindGroup,
     plan_group: wgpu::BindGroup,
     refine_group: wgpu::BindGroup,
@@ -142,20 +153,21 @@ impl GpuRenderer {
             Some(buffer) => buffer,
             None => self.gpu.buffer(
                 "read-back",
-                plane_bytes + 8,
+                plane_bytes + WORK_HEAD,
                 wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
             )?,
         };
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         encoder.clear_buffer(&targets.planes, 0, None);
-        encoder.clear_buffer(&targets.work, 0, Some(8));
+        encoder.clear_buffer(&targets.work, 0, Some(WORK_HEAD));
+        encoder.clear_buffer(&targets.light, 0, None);
         if let Some(region) = state::region(state, &self.ranges) {
-            let frame = state::frame_uniform(state, region, self.quality, targets.chunk_pixels, &self.ranges);
+            let frame = state::frame_uniform(state, region, &self.ranges);
             let bodies = state::body_uniforms(state, &self.models, &self.ranges, self.quality);
             self.gpu.queue.write_buffer(&self.scene.frame, 0, bytemuck::bytes_of(&frame));
             self.gpu.queue.write_buffer(&self.scene.bodies, 0, bytemuck::cast_slice(&bodies));
             self.encode_visibility(&mut encoder, targets, region);
-            if std::env::var("NOSHADE").is_err() { self.encode_shading(&mut encoder, targets, region); }
+            self.encode_shading(&mut encoder, targets, region);
         }
         match &self.warp {
             Some(warp) => {
@@ -164,7 +176,7 @@ impl GpuRenderer {
             }
             None => encoder.copy_buffer_to_buffer(&targets.planes, 0, &staging, 0, plane_bytes),
         }
-        encoder.copy_buffer_to_buffer(&targets.work, 0, &staging, plane_bytes, 8);
+        encoder.copy_buffer_to_buffer(&targets.work, 0, &staging, plane_bytes, WORK_HEAD);
         let submission = self.gpu.queue.submit([encoder.finish()]);
         staging.slice(..).map_async(wgpu::MapMode::Read, |_| {});
         self.pending.push_back(Pending { staging, submission, size: back_size, planes: back_planes });
@@ -192,9 +204,8 @@ impl GpuRenderer {
         let cut_short = {
             let view = pending.staging.slice(..).get_mapped_range().map_err(|error| failed(&error))?;
             bytemuck::cast_slice_mut(&mut data).copy_from_slice(&view[..4 * pixels]);
-            bytemuck::pod_read_unaligned::<u32>(&view[4 * pixels + 4..4 * pixels + 8])
+            bytemuck::pod_read_unaligned::<u32>(&view[4 * pixels + 12..4 * pixels + 16])
         };
-        if std::env::var("DBG").is_ok() { let v = pending.staging.slice(..).get_mapped_range().unwrap(); eprintln!("listed {}", bytemuck::pod_read_unaligned::<u32>(&v[4 * pixels..4 * pixels + 4])); }
         pending.staging.unmap();
         self.free_staging.push(pending.staging);
         if cut_short > 0 {
@@ -234,22 +245,33 @@ impl GpuRenderer {
 
     fn encode_shading(&self, encoder: &mut wgpu::CommandEncoder, targets: &Targets, region: Region) {
         let mut pass = encoder.begin_compute_pass(&Default::default());
+        let plan = |pass: &mut wgpu::ComputePass<'_>| {
+            pass.set_pipeline(&self.pipelines.plan);
+            pass.set_bind_group(1, &targets.plan_group, &[]);
+            pass.dispatch_workgroups((targets.chunks.len() as u32).div_ceil(64), 1, 1);
+        };
         pass.set_bind_group(0, &self.scene.group, &[]);
         pass.set_pipeline(&self.pipelines.shade);
         pass.set_bind_group(1, &targets.shade_group, &[]);
         pass.dispatch_workgroups(region.size[0].div_ceil(8), region.size[1].div_ceil(8), 1);
-        if std::env::var("NOREF").is_ok() { return; }
-        pass.set_pipeline(&self.pipelines.plan);
-        pass.set_bind_group(1, &targets.plan_group, &[]);
-        pass.dispatch_workgroups(targets.chunks.div_ceil(64), 1, 1);
-        // No more chunks than the region's pixels can fill.
+        plan(&mut pass);
+        pass.set_bind_group(1, &targets.shade_group, &[]);
+        pass.set_pipeline(&self.pipelines.probe);
+        pass.dispatch_workgroups_indirect(&targets.dispatches, 0);
+        pass.set_pipeline(&self.pipelines.settle);
+        pass.dispatch_workgroups_indirect(&targets.dispatches, 0);
+        plan(&mut pass);
+        // No list is longer than the region has pixels.
         let pixels = region.size[0] * region.size[1];
-        for chunk in 0..pixels.div_ceil(targets.chunk_pixels) {
-            pass.set_bind_group(1, &targets.refine_group, &[chunk * UNIFORM_STRIDE as u32]);
+        for (index, _) in (0u64..).zip(&targets.chunks).filter(|(_, chunk)| chunk.first < pixels) {
+            let samples = DISPATCH_BYTES * (1 + 2 * index);
+            pass.set_bind_group(1, &targets.refine_group, &[(index * UNIFORM_STRIDE) as u32]);
+            pass.set_pipeline(&self.pipelines.gather);
+            pass.dispatch_workgroups_indirect(&targets.dispatches, samples + DISPATCH_BYTES);
             pass.set_pipeline(&self.pipelines.take_samples);
-            pass.dispatch_workgroups_indirect(&targets.dispatches, 24 * u64::from(chunk));
+            pass.dispatch_workgroups_indirect(&targets.dispatches, samples);
             pass.set_pipeline(&self.pipelines.sum_samples);
-            pass.dispatch_workgroups_indirect(&targets.dispatches, 24 * u64::from(chunk) + 12);
+            pass.dispatch_workgroups_indirect(&targets.dispatches, samples + DISPATCH_BYTES);
         }
     }
 }
@@ -268,6 +290,7 @@ impl SceneBuffers {
             gpu.array_texture("surfaces", &arrays.surfaces, uint4)?,
             gpu.array_texture("maps", &arrays.maps, uint4)?,
             gpu.array_texture("textures", &arrays.texels, wgpu::TextureFormat::R32Uint)?,
+            gpu.array_texture("corners", &arrays.corners, float4)?,
         ];
         let vertices = gpu.filled_buffer("vertices", &arrays.vertices, Usage::VERTEX)?;
         let corners: Vec<[u32; 3]> = arrays.triangles.iter().map(|t| [t[0], t[1], t[2]]).collect();
@@ -319,33 +342,56 @@ impl Targets {
         let visible = texture(VISIBILITY_FORMAT, wgpu::TextureUsages::TEXTURE_BINDING);
         let depth = texture(DEPTH_FORMAT, wgpu::TextureUsages::empty());
         let pixels = u64::from(size[0]) * u64::from(size[1]);
-        let samples_per_pixel = u64::from(quality.refined_samples());
-        let chunk_pixels = (SAMPLE_BYTES / (SAMPLE_SIZE * samples_per_pixel)).min(pixels).max(1);
-        let chunks = pixels.div_ceil(chunk_pixels);
+        let chunk_pixels = |log2: u32| ((SAMPLE_BYTES / SAMPLE_SIZE) >> log2).min(pixels).max(1) as u32;
+        let (edge_log2, inner_log2) = (quality.edge_samples_log2(), quality.inner_samples_log2());
+        let chunks_of = |list: u32, samples_log2: u32| {
+            let most = chunk_pixels(samples_log2);
+            (0..pixels as u32).step_by(most as usize).map(move |first| Chunk { list, first, pixels: most, samples_log2 })
+        };
+        let edge_chunks: Vec<Chunk> = chunks_of(LIST_EDGE, edge_log2).collect();
+        let inner_chunks: Vec<Chunk> = chunks_of(LIST_INNER, inner_log2).collect();
+        let plan = Plan {
+            edge_pixels: chunk_pixels(edge_log2),
+            edge_samples_log2: edge_log2,
+            inner_pixels: chunk_pixels(inner_log2),
+            inner_samples_log2: inner_log2,
+            edge_chunks: edge_chunks.len() as u32,
+            inner_chunks: inner_chunks.len() as u32,
+        };
+        let chunks = [edge_chunks, inner_chunks].concat();
         // Radiance and I/F are always stored; the copy takes what is asked for.
         let stored = planes.count().max(2) as u64;
         let plane_buffer = gpu.buffer("image", 4 * pixels * stored, Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST)?;
-        let work = gpu.buffer("work list", 8 + 4 * pixels, Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST)?;
-        let dispatches = gpu.buffer("dispatches", 24 * chunks, Usage::STORAGE | Usage::INDIRECT)?;
-        let samples = gpu.buffer("samples", SAMPLE_SIZE * samples_per_pixel * chunk_pixels, Usage::STORAGE)?;
-        let firsts: Vec<[u32; 64]> = (0..chunks)
-            .map(|chunk| {
-                let mut entry = [0; 64];
-                entry[0] = (chunk * chunk_pixels) as u32;
-                entry
-            })
-            .collect();
-        let firsts = gpu.filled_buffer("chunks", &firsts, Usage::UNIFORM)?;
+        let work_bytes = WORK_HEAD + LISTS * 4 * pixels;
+        let work = gpu.buffer("work list", work_bytes, Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST)?;
+        let light = gpu.buffer("light", 4 * pixels, Usage::STORAGE | Usage::COPY_DST)?;
+        let dispatch_bytes = DISPATCH_BYTES * (1 + 2 * chunks.len() as u64);
+        let dispatches = gpu.buffer("dispatches", dispatch_bytes, Usage::STORAGE | Usage::INDIRECT)?;
+        let samples = gpu.buffer("samples", SAMPLE_BYTES, Usage::STORAGE)?;
+        let most_pixels = u64::from(plan.edge_pixels.max(plan.inner_pixels));
+        let candidates = gpu.buffer("candidates", 4 * CANDIDATES * most_pixels, Usage::STORAGE)?;
+        let mut chunk_bytes = vec![0u8; chunks.len() * UNIFORM_STRIDE as usize];
+        for (entry, chunk) in chunk_bytes.chunks_mut(UNIFORM_STRIDE as usize).zip(&chunks) {
+            entry[..size_of::<Chunk>()].copy_from_slice(bytemuck::bytes_of(chunk));
+        }
+        let chunk_buffer = gpu.filled_buffer("chunks", &chunk_bytes, Usage::UNIFORM)?;
+        let plan = gpu.filled_buffer("plan", &[plan], Usage::UNIFORM)?;
         let (image, list) = (plane_buffer.as_entire_binding(), work.as_entire_binding());
-        let shade_group =
-            bind(gpu, &pipelines.shade_layout, &[image.clone(), list.clone(), wgpu::BindingResource::TextureView(&visible)]);
-        let plan_group = bind(gpu, &pipelines.plan_layout, &[image.clone(), list.clone(), dispatches.as_entire_binding()]);
-        let first = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
-            buffer: &firsts,
+        let visible_view = wgpu::BindingResource::TextureView(&visible);
+        let shade = [image.clone(), list.clone(), light.as_entire_binding(), visible_view];
+        let planning = [image.clone(), list.clone(), dispatches.as_entire_binding(), plan.as_entire_binding()];
+        let chunk = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer: &chunk_buffer,
             offset: 0,
-            size: std::num::NonZeroU64::new(16),
+            size: std::num::NonZeroU64::new(size_of::<Chunk>() as u64),
         });
-        let refine_group = bind(gpu, &pipelines.refine_layout, &[image, list, samples.as_entire_binding(), first]);
+        let shade_group = bind(gpu, &pipelines.shade_layout, &shade);
+        let plan_group = bind(gpu, &pipelines.plan_layout, &planning);
+        let refine_group = bind(
+            gpu,
+            &pipelines.refine_layout,
+            &[image, list, samples.as_entire_binding(), chunk, candidates.as_entire_binding()],
+        );
         Ok(Self {
             size,
             visible,
@@ -353,45 +399,11 @@ impl Targets {
             planes: plane_buffer,
             work,
             dispatches,
-            chunk_pixels: chunk_pixels as u32,
-            chunks: chunks as u32,
+            light,
+            chunks,
             shade_group,
             plan_group,
             refine_group,
         })
-    }
-}
-#[doc(hidden)]
-pub fn stats(models: &[BodyModel]) {
-    let a = SceneArrays::new(models);
-    let h: Vec<f32> = a.horizons.clone(); let mut s = h.clone(); s.sort_by(f32::total_cmp);
-    println!("horizon sine p10 {} p50 {} p90 {} p99 {} unknown {}", s[s.len()/10], s[s.len()/2], s[s.len()*9/10], s[s.len()*99/100], h.iter().filter(|&&x| x > 1.0).count() as f64/h.len() as f64);
-    for elev in [2.0f32, 5.0, 10.0] {
-        let (mut visits, mut tests, mut n, mut blocked, mut maxv) = (0usize, 0usize, 0usize, 0usize, 0usize);
-        for t in (0..a.triangles.len()).step_by(997) {
-            let c = a.triangles[t]; let v = |i: u32| glam::Vec3::from_array(a.vertices[i as usize].position);
-            let (p0, p1, p2) = (v(c[0]), v(c[1]), v(c[2]));
-            let nrm = (p1-p0).cross(p2-p0).normalize();
-            let up = p0.normalize(); let (e, _) = up.any_orthonormal_pair();
-            let d = (e*elev.to_radians().cos() + up*elev.to_radians().sin()).normalize();
-            if d.dot(nrm) <= 0.0 { continue; }
-            let o = (p0+p1+p2)/3.0 + nrm*7.0;
-            let inv = d.recip(); let mut node = 0usize; let mut vis=0;
-            while node < a.nodes.len() {
-                let nd = &a.nodes[node]; vis += 1;
-                let lo = (glam::Vec3::from_array(nd.low)-o)*inv; let hi = (glam::Vec3::from_array(nd.high)-o)*inv;
-                let near = lo.min(hi).max_element(); let far = lo.max(hi).min_element();
-                if near > far || far < 0.0 { node = nd.escape as usize; continue; }
-                tests += (nd.leaf & 7) as usize;
-                let mut hit=false;
-                for k in 0..(nd.leaf&7) { let c = a.triangles[(nd.leaf/8+k) as usize]; let (x,y,z)=(v(c[0])-o,v(c[1])-o,v(c[2])-o);
-                    let (u,w,q)=(d.dot(z.cross(y)), d.dot(x.cross(z)), d.dot(y.cross(x)));
-                    if (u<=0.0&&w<=0.0&&q<=0.0)||(u>=0.0&&w>=0.0&&q>=0.0) { let s=u+w+q; if s!=0.0 && ((x*u+y*w+z*q)/s).dot(d)>0.0 { hit=true; } } }
-                if hit { blocked+=1; break; }
-                node = if nd.leaf==0 { node+1 } else { nd.escape as usize };
-            }
-            visits += vis; n+=1; maxv=maxv.max(vis);
-        }
-        println!("elev {elev}: n {n} visits {:.1} max {maxv} tritests {:.1} blocked {:.3}", visits as f64/n as f64, tests as f64/n as f64, blocked as f64/n as f64);
     }
 }

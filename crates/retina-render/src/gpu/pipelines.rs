@@ -17,7 +17,10 @@ pub(crate) struct Pipelines {
     /// Visibility, one-sided bodies and bodies with two-sided surfaces.
     pub visibility: [wgpu::RenderPipeline; 2],
     pub shade: wgpu::ComputePipeline,
+    pub probe: wgpu::ComputePipeline,
+    pub settle: wgpu::ComputePipeline,
     pub plan: wgpu::ComputePipeline,
+    pub gather: wgpu::ComputePipeline,
     pub take_samples: wgpu::ComputePipeline,
     pub sum_samples: wgpu::ComputePipeline,
 }
@@ -87,26 +90,27 @@ impl Pipelines {
         let mut scene = vec![entry(0, everywhere, uniform()), entry(1, everywhere, uniform())];
         let float = wgpu::TextureSampleType::Float { filterable: false };
         let uint = wgpu::TextureSampleType::Uint;
-        let types = [uint, uint, float, float, uint, uint, uint];
+        let types = [uint, uint, float, float, uint, uint, uint, float];
         scene.extend((2..).zip(types).map(|(binding, sample_type)| entry(binding, everywhere, texture(sample_type))));
         let scene_layout = layout("scene", &scene);
         let outputs = [entry(0, only_compute, storage(false)), entry(1, only_compute, storage(false))];
         let visible = texture(uint);
-        let shade_layout = layout("shade", &[outputs[0], outputs[1], entry(2, only_compute, visible)]);
-        let plan_layout = layout("plan", &[outputs[0], outputs[1], entry(2, only_compute, storage(false))]);
+        let third = entry(2, only_compute, storage(false));
+        let shade_layout = layout("shade", &[outputs[0], outputs[1], third, entry(3, only_compute, visible)]);
+        let plan_layout = layout("plan", &[outputs[0], outputs[1], third, entry(3, only_compute, uniform())]);
         let chunk = wgpu::BindingType::Buffer {
             ty: wgpu::BufferBindingType::Uniform,
             has_dynamic_offset: true,
             min_binding_size: NonZeroU64::new(16),
         };
-        let refine_layout = layout(
-            "refine",
-            &[outputs[0], outputs[1], entry(2, only_compute, storage(false)), entry(3, only_compute, chunk)],
-        );
+        let refine_layout = layout("refine", &[outputs[0], outputs[1], third, entry(3, only_compute, chunk), entry(4, only_compute, storage(false))]);
         Self {
             visibility: [Some(wgpu::Face::Back), None].map(|cull| visibility(device, &scene_layout, cull)),
             shade: compute(device, &[&scene_layout, &shade_layout], shaders::shade(), "shade_pixels", layers),
+            probe: compute(device, &[&scene_layout, &shade_layout], shaders::shade(), "probe_shadows", layers),
+            settle: compute(device, &[&scene_layout, &shade_layout], shaders::shade(), "settle_shadows", layers),
             plan: compute(device, &[&scene_layout, &plan_layout], shaders::refine_plan(), "plan_chunks", layers),
+            gather: compute(device, &[&scene_layout, &refine_layout], shaders::refine(), "gather_candidates", layers),
             take_samples: compute(
                 device,
                 &[&scene_layout, &refine_layout],

@@ -4,6 +4,7 @@ use glam::{DMat3, DVec2, DVec3};
 use retina_radiometry::{Law, PhaseFunction, Photometry, sun_angular_radius_rad, sun_irradiance_w_m2_nm};
 
 use super::layout::{Body, Frame};
+use super::horizon::PATCH;
 use super::upload::BodyRange;
 use crate::frame::contrast_reference;
 use crate::{BodyModel, BodyState, FrameState, Quality};
@@ -18,7 +19,7 @@ pub(crate) struct Region {
     pub size: [u32; 2],
 }
 
-pub(crate) fn frame_uniform(state: &FrameState, region: Region, quality: Quality, chunk: u32, ranges: &[BodyRange]) -> Frame {
+pub(crate) fn frame_uniform(state: &FrameState, region: Region, ranges: &[BodyRange]) -> Frame {
     let k = &state.image;
     let mut out = Frame {
         intrinsics_px: [k.fx_px, k.fy_px, k.cx_px, k.cy_px].map(|v| v as f32),
@@ -26,11 +27,10 @@ pub(crate) fn frame_uniform(state: &FrameState, region: Region, quality: Quality
         region_origin_px: region.origin,
         region_size_px: region.size,
         grid: GRID,
-        refined_samples: quality.refined_samples(),
         body_count: state.bodies.len() as u32,
         distortion_degree: 0,
-        chunk_pixels: chunk,
         near_m: near_m(state, ranges) as f32,
+        padding: [0; 2],
         distortion: [[0.0; 4]; 18],
     };
     if let Some(distortion) = &state.distortion {
@@ -67,7 +67,7 @@ pub(crate) fn body_uniforms(state: &FrameState, models: &[BodyModel], ranges: &[
             let whole = centre_px.round();
             let sun_distance_m = body.sun_position_body_m.length();
             let sun = body.sun_position_body_m / sun_distance_m;
-            let (across_u, across_v) = sun.any_orthonormal_pair();
+            let across = sun.any_orthonormal_vector();
             let rotation: DMat3 = body.camera_from_body;
             let mut out = Body {
                 camera_from_body_x: rotation.x_axis.as_vec3().to_array(),
@@ -82,9 +82,8 @@ pub(crate) fn body_uniforms(state: &FrameState, models: &[BodyModel], ranges: &[
                 ray_offset_m: (range.bounding_radius_m * RAY_OFFSET) as f32,
                 sun_direction: sun.as_vec3().to_array(),
                 contrast: (quality.contrast() * contrast_reference(&model.photometry, body.phase_rad())) as f32,
-                sun_across_u: across_u.as_vec3().to_array(),
+                sun_across: across.as_vec3().to_array(),
                 node_first: range.node_first,
-                sun_across_v: across_v.as_vec3().to_array(),
                 node_end: range.node_end,
                 center_px_whole: [whole.x as i32, whole.y as i32],
                 center_px_part: (centre_px - whole).as_vec2().to_array(),
@@ -92,6 +91,9 @@ pub(crate) fn body_uniforms(state: &FrameState, models: &[BodyModel], ranges: &[
                 triangle_first: range.triangle_first,
                 shadow_casters: shadow_casters(state, ranges, body),
                 bounding_radius_m: range.bounding_radius_m as f32,
+                box_low_m: range.box_low_m,
+                triangle_end: range.triangle_first + range.triangle_count.next_multiple_of(PATCH as u32),
+                box_step_m: range.box_step_m,
                 ..Body::default()
             };
             set_photometry(&mut out, &model.photometry);

@@ -5,16 +5,18 @@ use retina_model::{AlbedoMap, SlopeMap, Wrap};
 
 use super::bvh;
 use super::horizon::{self, PATCH};
-use super::layout::{FLAT, Map, NONE, Node, Surface, TWO_SIDED, Vertex};
+use super::layout::{FLAT, Map, NONE, Surface, TWO_SIDED, Vertex};
 use crate::BodyModel;
 
 /// All bodies of a scene, one after the other.
 #[derive(Default)]
 pub(crate) struct SceneArrays {
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<[u32; 4]>,
     /// Vertex indices and surface; 8-aligned for each body by repeating its last triangle.
     pub triangles: Vec<[u32; 4]>,
     pub vertices: Vec<Vertex>,
+    /// Corners of each triangle; the first one's last number is 1 where both sides are seen.
+    pub corners: Vec<[[f32; 4]; 3]>,
     pub horizons: Vec<f32>,
     pub surfaces: Vec<Surface>,
     pub maps: Vec<Map>,
@@ -30,6 +32,8 @@ pub(crate) struct BodyRange {
     pub triangle_first: u32,
     pub triangle_count: u32,
     pub bounding_radius_m: f64,
+    pub box_low_m: [f32; 3],
+    pub box_step_m: [f32; 3],
     pub double_sided: bool,
 }
 
@@ -76,8 +80,9 @@ impl SceneArrays {
         }));
         let positions: Vec<[f32; 3]> = self.vertices[vertex_first as usize..].iter().map(|v| v.position).collect();
         let (node_first, triangle_first) = (self.nodes.len() as u32, self.triangles.len() as u32);
-        let hierarchy = bvh::build(&positions, &shape.triangles, node_first, triangle_first);
-        self.nodes.extend(&hierarchy.nodes);
+        let hierarchy = bvh::build(&positions, &shape.triangles, triangle_first);
+        let packed = hierarchy.pack(node_first);
+        self.nodes.extend(&packed.words);
         self.triangles.extend(hierarchy.order.iter().map(|&triangle| {
             let [a, b, c] = shape.triangles[triangle as usize].map(|corner| vertex_first + corner);
             [a, b, c, surface_first + u32::from(shape.triangle_surface[triangle as usize])]
@@ -92,14 +97,24 @@ impl SceneArrays {
             own_triangles,
             &hierarchy.nodes,
             triangle_first,
-            node_first,
         ));
+        let (vertices, surfaces) = (&self.vertices, &self.surfaces);
+        self.corners.par_extend(own_triangles.par_iter().map(|triangle| {
+            let two_sided = surfaces[triangle[3] as usize].flags & TWO_SIDED != 0;
+            let corner = |k: usize, w: f32| {
+                let [x, y, z] = vertices[triangle[k] as usize].position;
+                [x, y, z, w]
+            };
+            [corner(0, f32::from(u8::from(two_sided))), corner(1, 0.0), corner(2, 0.0)]
+        }));
         self.ranges.push(BodyRange {
             node_first,
             node_end: self.nodes.len() as u32,
             triangle_first,
             triangle_count,
             bounding_radius_m: shape.bounding_radius_m(),
+            box_low_m: packed.box_low,
+            box_step_m: packed.box_step,
             double_sided: shape.surfaces.iter().any(|surface| surface.double_sided),
         });
     }

@@ -1,0 +1,158 @@
+//! The GPU's images against the CPU renderer's, which shares no intersection, texture or sampling
+//! code with the shaders. Each comparison has twins that perturb the image and must fail.
+
+use glam::{DQuat, DVec3};
+use retina_radiometry::{AU_M, Hapke, Law, PhaseFunction, Photometry};
+use retina_render::{
+    BodyModel, BodyState, CpuRenderer, CpuSampling, FrameState, GpuRenderer, Planes, Quality, RadianceImage,
+};
+use retina_tests::{Comparison, adapter, compare, moon, placed, sphere, square_image};
+
+/// Converged enough to stand as the truth: 64 samples a pixel, 400 on edges, four Sun rays each.
+const REFERENCE: CpuSampling = CpuSampling { grid: 8, refined_grid: 20, sun_points: 4, contrast: 0.1 };
+
+fn lunar() -> Photometry {
+    let law = Law::LunarLambert { decay_rad: 60f64.to_radians() };
+    Photometry::new(law, PhaseFunction::Constant, Some(0.12))
+}
+
+fn model(name: &str, shape: retina_model::Body, photometry: Photometry) -> BodyModel {
+    BodyModel { name: name.into(), shape, photometry }
+}
+
+/// (reference, GPU image), or `None` without an adapter.
+fn both(models: Vec<BodyModel>, state: &FrameState, quality: Quality) -> Option<(RadianceImage, RadianceImage)> {
+    let gpu = adapter()?;
+    let mut renderer = GpuRenderer::new(gpu, models.clone(), quality, Planes::Layers).expect("the bodies fit");
+    renderer.start(state).expect("the frame starts");
+    let image = renderer.finish().expect("the frame ends").expect("one frame was started");
+    Some((CpuRenderer::new(models, REFERENCE, Planes::Layers).render(state), image))
+}
+
+/// The Moon from 6000 km at 2 km a pixel: limb and terminator in the frame, triangles and texels
+/// larger than a pixel, so that both sides resolve them.
+fn moon_close_up() -> FrameState {
+    let turn = DQuat::from_rotation_x(1.9) * DQuat::from_rotation_z(0.7);
+    let sun = DVec3::new(0.96, -0.25, 0.1);
+    let body = placed(DVec3::new(-1.2e6, 1.05e6, 6.0e6), turn, sun, AU_M);
+    FrameState { image: square_image(256, 3000.0), distortion: None, bodies: vec![body] }
+}
+
+#[test]
+fn moon_with_relief_texture_and_shadows() {
+    let state = moon_close_up();
+    let Some((reference, image)) = both(vec![model("moon", moon(), lunar())], &state, Quality::Best) else { return };
+    let found = compare(&reference, &image);
+    println!("{found:?}");
+    assert!(found.interior_pixels > 10_000 && found.is_within_tolerance(), "{found:?}");
+    assert!((found.flux_ratio - 1.0).abs() < 5e-4, "{found:?}");
+
+    // Twins: what the comparison must not let pass.
+    let shifted = perturbed(&image, |image, i| {
+        let width = image.width_px as usize;
+        let left = if i % width > 0 { i - 1 } else { i };
+        0.9 * image.radiance()[i] + 0.1 * image.radiance()[left]
+    });
+    assert!(!compare(&reference, &shifted).is_within_tolerance(), "a shift of 0.1 px passed");
+    let louder = perturbed(&image, |image, i| 1.01 * image.radiance()[i]);
+    assert!(!compare(&reference, &louder).is_within_tolerance(), "a gain of 1 % passed");
+    // A missing shadow: one crater's shadow filled with its surroundings' light.
+    let shadowed: Vec<usize> = (0..reference.pixels())
+        .filter(|&i| reference.plane(10)[i] > 0.99 && reference.plane(7)[i] < 88.0)
+        .collect();
+    assert!(!shadowed.is_empty(), "the scene holds no cast shadow");
+    let mut unshadowed = image.clone();
+    for &i in &shadowed {
+        unshadowed.data[i] = 0.12 * 0.59 * reference.plane(7)[i].to_radians().cos();
+    }
+    assert!(!compare(&reference, &unshadowed).is_within_tolerance(), "missing shadows passed");
+}
+
+fn perturbed(image: &RadianceImage, value: impl Fn(&RadianceImage, usize) -> f32) -> RadianceImage {
+    let mut out = image.clone();
+    for i in 0..image.pixels() {
+        out.data[i] = value(image, i);
+    }
+    out
+}
+
+/// Two spheres, the near one's penumbra on the far one: the Sun is brought close so that the
+/// penumbra is tens of pixels wide.
+fn eclipse(sun_distance_m: f64) -> (Vec<BodyModel>, FrameState) {
+    let sun = DVec3::new(1.0, 0.0, 0.0);
+    let far = placed(DVec3::new(-2.0e6, 0.0, 3.0e7), DQuat::IDENTITY, sun, sun_distance_m);
+    let near = placed(DVec3::new(2.4e6, 0.5e6, 3.0e7), DQuat::IDENTITY, sun, sun_distance_m);
+    let lambert = Photometry::new(Law::Lambert, PhaseFunction::Constant, Some(0.2));
+    let models = vec![model("far", sphere(1.7e6, 48), lambert), model("near", sphere(0.8e6, 32), lambert)];
+    (models, FrameState { image: square_image(192, 900.0), distortion: None, bodies: vec![far, near] })
+}
+
+#[test]
+fn one_bodys_penumbra_on_another() {
+    let (models, state) = eclipse(2.0e10);
+    let Some((reference, image)) = both(models.clone(), &state, Quality::Best) else { return };
+    let penumbra = reference.plane(10).iter().filter(|&&v| v > 0.05 && v < 0.95).count();
+    assert!(penumbra > 100, "the scene holds {penumbra} pixels of penumbra");
+    // 64 points of the disc: a straight edge across it is off by 0.02 of the light or so.
+    let full = reference.radiance().iter().copied().fold(0.0, f32::max);
+    let errors: Vec<f32> = (0..reference.pixels())
+        .filter(|&i| reference.plane(2)[i] == 1.0 && reference.plane(10)[i] > 0.0 && reference.plane(10)[i] < 1.0)
+        .map(|i| (reference.radiance()[i] - image.radiance()[i]) / full)
+        .collect();
+    let rms = (errors.iter().map(|e| e * e).sum::<f32>() / errors.len() as f32).sqrt();
+    let worst = errors.iter().fold(0.0f32, |worst, e| worst.max(e.abs()));
+    println!("penumbra: rms {rms}, worst {worst} over {} pixels", errors.len());
+    assert!(rms < 0.02 && worst < 0.1, "penumbra: rms {rms}, worst {worst}");
+    assert!((compare(&reference, &image).flux_ratio - 1.0).abs() < 1e-3);
+
+    // The twin without the caster differs.
+    let alone = FrameState { bodies: state.bodies[..1].to_vec(), ..state.clone() };
+    let Some((_, unshadowed)) = both(models[..1].to_vec(), &alone, Quality::Best) else { return };
+    assert!((compare(&reference, &unshadowed).flux_ratio - 1.0).abs() > 1e-2);
+}
+
+/// Every law through the shader against its f64 formula, on a sphere.
+#[test]
+fn every_law_in_the_shader_is_the_librarys() {
+    let hapke = Hapke { cboe_amplitude: 0.4, cboe_width: 0.2, porosity: 1.2, ..Hapke::lunar() };
+    let laws = [
+        ("lambert", Law::Lambert, PhaseFunction::Constant),
+        ("lommel-seeliger", Law::LommelSeeliger, PhaseFunction::Exponential { scale_rad: 0.8 }),
+        ("lunar-lambert", Law::LunarLambert { decay_rad: 1.0 }, PhaseFunction::HenyeyGreenstein { asymmetry: 0.3 }),
+        (
+            "oren-nayar",
+            Law::OrenNayar { roughness_rad: 0.4 },
+            PhaseFunction::Magnitudes { coefficients: [0.03, -1e-4, 1e-6, -1e-9] },
+        ),
+        ("hapke", Law::Hapke(hapke), PhaseFunction::Constant),
+    ];
+    for (name, law, phase_function) in laws {
+        for phase_deg in [3.0f64, 70.0] {
+            let sun = DVec3::new(phase_deg.to_radians().sin(), 0.0, -phase_deg.to_radians().cos());
+            let body: BodyState = placed(DVec3::new(0.0, 0.0, 1.0e7), DQuat::IDENTITY, sun, AU_M);
+            let state = FrameState { image: square_image(96, 400.0), distortion: None, bodies: vec![body] };
+            let photometry = Photometry::new(law, phase_function, Some(0.15));
+            let models = vec![model(name, sphere(1.0e6, 64), photometry)];
+            let Some((reference, image)) = both(models, &state, Quality::Best) else { return };
+            let found: Comparison = compare(&reference, &image);
+            let limit = if name == "hapke" { 5e-3 } else { 2e-3 };
+            assert!(found.interior_rms < limit && found.interior_worst < 0.02, "{name} at {phase_deg} deg: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn the_same_bytes_again() {
+    let Some(gpu) = adapter() else { return };
+    let (models, state) = eclipse(AU_M);
+    let mut renderer = GpuRenderer::new(gpu, models, Quality::Default, Planes::RadianceFactor).expect("the bodies fit");
+    let mut render = || {
+        renderer.start(&state).expect("the frame starts");
+        renderer.finish().expect("the frame ends").expect("one frame was started")
+    };
+    let first = render();
+    assert!(first.radiance().iter().any(|&v| v > 0.0));
+    for _ in 0..3 {
+        assert!(render() == first, "the image changed from one rendering to the next");
+    }
+}
