@@ -11,6 +11,10 @@ use retina_tests::{Comparison, adapter, compare, moon, placed, sphere, square_im
 /// Converged enough to stand as the truth: 64 samples a pixel, 400 on edges, four Sun rays each.
 const REFERENCE: CpuSampling = CpuSampling { grid: 8, refined_grid: 20, sun_points: 4, contrast: 0.1 };
 
+/// Pixels beyond 2 % on the shadows' edges that the close-up may have, over the body's pixels: a
+/// twelfth of its pixels lie on such an edge, where 64 rays see a straight edge to about 2 %.
+const OUTLIERS: f64 = 0.015;
+
 fn lunar() -> Photometry {
     let law = Law::LunarLambert { decay_rad: 60f64.to_radians() };
     Photometry::new(law, PhaseFunction::Constant, Some(0.12))
@@ -29,12 +33,12 @@ fn both(models: Vec<BodyModel>, state: &FrameState, quality: Quality) -> Option<
     Some((CpuRenderer::new(models, REFERENCE, Planes::Layers).render(state), image))
 }
 
-/// The Moon from 6000 km at 2 km a pixel: limb and terminator in the frame, triangles and texels
+/// The Moon from 6000 km at 2 km a pixel, looking down on the terminator: triangles and texels are
 /// larger than a pixel, so that both sides resolve them.
 fn moon_close_up() -> FrameState {
     let turn = DQuat::from_rotation_x(1.9) * DQuat::from_rotation_z(0.7);
-    let sun = DVec3::new(0.96, -0.25, 0.1);
-    let body = placed(DVec3::new(-1.2e6, 1.05e6, 6.0e6), turn, sun, AU_M);
+    let sun = DVec3::new(0.99, -0.1, -0.08);
+    let body = placed(DVec3::new(2.0e4, 3.0e4, 6.0e6), turn, sun, AU_M);
     FrameState { image: square_image(256, 3000.0), distortion: None, bodies: vec![body] }
 }
 
@@ -44,7 +48,7 @@ fn moon_with_relief_texture_and_shadows() {
     let Some((reference, image)) = both(vec![model("moon", moon(), lunar())], &state, Quality::Best) else { return };
     let found = compare(&reference, &image);
     println!("{found:?}");
-    assert!(found.interior_pixels > 10_000 && found.is_within_tolerance(), "{found:?}");
+    assert!(found.interior_pixels > 10_000 && found.is_within_tolerance(OUTLIERS), "{found:?}");
     assert!((found.flux_ratio - 1.0).abs() < 5e-4, "{found:?}");
 
     // Twins: what the comparison must not let pass.
@@ -53,9 +57,9 @@ fn moon_with_relief_texture_and_shadows() {
         let left = if i % width > 0 { i - 1 } else { i };
         0.9 * image.radiance()[i] + 0.1 * image.radiance()[left]
     });
-    assert!(!compare(&reference, &shifted).is_within_tolerance(), "a shift of 0.1 px passed");
+    assert!(!compare(&reference, &shifted).is_within_tolerance(OUTLIERS), "a shift of 0.1 px passed");
     let louder = perturbed(&image, |image, i| 1.01 * image.radiance()[i]);
-    assert!(!compare(&reference, &louder).is_within_tolerance(), "a gain of 1 % passed");
+    assert!(!compare(&reference, &louder).is_within_tolerance(OUTLIERS), "a gain of 1 % passed");
     // A missing shadow: one crater's shadow filled with its surroundings' light.
     let shadowed: Vec<usize> = (0..reference.pixels())
         .filter(|&i| reference.plane(10)[i] > 0.99 && reference.plane(7)[i] < 88.0)
@@ -65,7 +69,7 @@ fn moon_with_relief_texture_and_shadows() {
     for &i in &shadowed {
         unshadowed.data[i] = 0.12 * 0.59 * reference.plane(7)[i].to_radians().cos();
     }
-    assert!(!compare(&reference, &unshadowed).is_within_tolerance(), "missing shadows passed");
+    assert!(!compare(&reference, &unshadowed).is_within_tolerance(OUTLIERS), "missing shadows passed");
 }
 
 fn perturbed(image: &RadianceImage, value: impl Fn(&RadianceImage, usize) -> f32) -> RadianceImage {

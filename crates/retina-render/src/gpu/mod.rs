@@ -407,3 +407,6 @@ impl Targets {
         })
     }
 }
+
+#[cfg(test)]
+mod tests;
