@@ -1,5 +1,5 @@
-//! Stage 3: listed pixels are sampled by rays, a chunk of pixels at a time. First one walk a pixel
-//! gathers the triangles that any of its rays may meet; then each sample, an invocation of its own,
+//! Stage 3: listed pixels are sampled by rays, a chunk of pixels at a time. First the triangles that
+//! a pixel's rays may meet are gathered: by one walk for a pixel on an edge; then each sample, an invocation of its own,
 //! looks among those; then a pixel's samples are summed in their order, so that the sum is the
 //! same whatever order they ran in.
 
@@ -18,11 +18,35 @@ struct Chunk {
 /// For each pixel of the chunk the number of its triangles, then the triangles.
 @group(1) @binding(4) var<storage, read_write> candidates: array<u32>;
 
+@group(1) @binding(5) var visible: texture_2d<u32>;
+
 /// Places a pixel has in `candidates`; with more triangles its rays walk the hierarchy themselves.
 const CANDIDATES: u32 = 64u;
 
 fn pixel_position(pixel: u32) -> vec2<f32> {
     return vec2<f32>(f32(pixel % frame.size_px.x), f32(pixel / frame.size_px.x));
+}
+
+/// Inside a body: the triangles that the pixel's first-pass samples and those around it see.
+fn gather_visible(pixel: u32, base: u32) -> u32 {
+    let at = vec2<u32>(pixel % frame.size_px.x, pixel / frame.size_px.x);
+    let grid = i32(frame.grid);
+    let corner = vec2<i32>((at - frame.region_origin_px) * frame.grid);
+    let limit = vec2<i32>(frame.region_size_px * frame.grid) - 1;
+    var found = 0u;
+    var last = 0u;
+    for (var y = -1; y <= grid; y++) {
+        for (var x = -1; x <= grid; x++) {
+            let place = clamp(corner + vec2<i32>(x, y), vec2<i32>(0), limit);
+            let seen = textureLoad(visible, place, 0).x;
+            if seen != 0u && seen != last {
+                found++;
+                candidates[base + found] = seen - 1u;
+            }
+            last = seen;
+        }
+    }
+    return found;
 }
 
 @compute @workgroup_size(64)
@@ -31,8 +55,13 @@ fn gather_candidates(@builtin(global_invocation_id) id: vec3<u32>) {
     if slot >= chunk.pixels || chunk.first + slot >= atomicLoad(&work.counts[chunk.list]) {
         return;
     }
-    let middle = pixel_position(listed_pixel(chunk.list, chunk.first + slot)) + 0.5;
+    let pixel = listed_pixel(chunk.list, chunk.first + slot);
     let base = slot * CANDIDATES;
+    if chunk.list == LIST_INNER {
+        candidates[base] = gather_visible(pixel, base);
+        return;
+    }
+    let middle = pixel_position(pixel) + 0.5;
     var found = 0u;
     for (var body = 0u; body < frame.body_count; body++) {
         let ray = pixel_ray(body, middle);
@@ -43,29 +72,20 @@ fn gather_candidates(@builtin(global_invocation_id) id: vec3<u32>) {
             bodies[body].reference_depth_m > 0.0,
         );
         let radius = 0.75 * depth * length(ray.direction) / min(frame.intrinsics_px.x, frame.intrinsics_px.y);
-        let step = bodies[body].box_step_m;
-        let start = (ray.origin - bodies[body].box_low_m) / step;
-        let inverse = safe_inverse(ray.direction / step);
-        let wider = radius / step;
-        let end = bodies[body].node_end;
-        var node = bodies[body].node_first;
-        while node < end {
-            let here = node_at(node);
-            let span = box_span(here.low - wider, here.high + wider, start, inverse);
-            let missed = span.x > span.y || span.y < -bodies[body].reference_depth_m;
-            if here.is_leaf && !missed {
-                for (var k = 0u; k < here.count; k++) {
-                    if is_near_line(here.first + k, ray, radius) {
-                        found++;
-                        if found < CANDIDATES {
-                            candidates[base + found] = here.first + k;
-                        }
+        var walk = walk_of(body, ray, radius);
+        to_next_leaf(&walk, -bodies[body].reference_depth_m, 3.0e38);
+        while walk.count > 0u {
+            for (var k = 0u; k < walk.count; k++) {
+                if is_near_line(walk.first + k, ray, radius) {
+                    found++;
+                    if found < CANDIDATES {
+                        candidates[base + found] = walk.first + k;
                     }
                 }
             }
-            node = select(node + 1u, here.escape, missed && !here.is_leaf);
+            to_next_leaf(&walk, -bodies[body].reference_depth_m, 3.0e38);
         }
-        cut_short = cut_short || node < end;
+        cut_short = cut_short || walk.count > 0u;
     }
     candidates[base] = found;
     note_cut_short();
@@ -86,8 +106,7 @@ fn first_hit(position: vec2<f32>) -> Hit {
     return nearest;
 }
 
-/// What the ray of a position meets first, among the pixel's candidates; they are in the order of
-/// their bodies.
+/// What the ray of a position meets first, among the pixel's candidates.
 fn first_hit_among(position: vec2<f32>, base: u32, count: u32) -> Hit {
     var nearest = Hit(NONE, 0u, 3.0e38);
     var nearest_depth = 3.0e38;
@@ -95,8 +114,9 @@ fn first_hit_among(position: vec2<f32>, base: u32, count: u32) -> Hit {
     var ray = Ray(vec3<f32>(0.0), vec3<f32>(0.0));
     for (var k = 1u; k <= count; k++) {
         let triangle = candidates[base + k];
-        if body == NONE || triangle >= bodies[body].triangle_end {
-            body = body_of(triangle);
+        let owner = body_of(triangle);
+        if owner != body {
+            body = owner;
             ray = pixel_ray(body, position);
         }
         let start = bodies[body].reference_depth_m;
@@ -137,7 +157,9 @@ fn take_samples(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workg
     var nearest = Hit(NONE, 0u, 3.0e38);
     if count < CANDIDATES {
         nearest = first_hit_among(position, slot * CANDIDATES, count);
-    } else {
+    }
+    // A small triangle that no sample saw, or too many of them.
+    if nearest.triangle == NONE && (count >= CANDIDATES || chunk.list == LIST_INNER) {
         nearest = first_hit(position);
     }
     var sample = sky();

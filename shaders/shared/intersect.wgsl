@@ -66,50 +66,83 @@ fn is_near_line(triangle: u32, ray: Ray, radius: f32) -> bool {
     return !(beyond_bc || beyond_ca || beyond_ab);
 }
 
+/// A walk through a body's hierarchy.
+struct Walk {
+    start: vec3<f32>,
+    inverse: vec3<f32>,
+    /// Boxes are taken wider by this, in box steps.
+    wider: vec3<f32>,
+    node: u32,
+    end: u32,
+    /// The leaf arrived at; no triangles: the walk is over.
+    first: u32,
+    count: u32,
+}
+
+fn walk_of(body: u32, ray: Ray, radius_m: f32) -> Walk {
+    let step = bodies[body].box_step_m;
+    return Walk(
+        (ray.origin - bodies[body].box_low_m) / step,
+        safe_inverse(ray.direction / step),
+        radius_m / step,
+        bodies[body].node_first,
+        bodies[body].node_end,
+        0u,
+        0u,
+    );
+}
+
+/// Goes on to the next leaf whose box the ray passes between two parameters. Walking and testing
+/// triangles are loops of their own, so that invocations that run side by side test together.
+fn to_next_leaf(walk: ptr<function, Walk>, from_depth: f32, to_depth: f32) {
+    var state = *walk;
+    state.count = 0u;
+    while state.node < state.end && state.count == 0u {
+        let here = node_at(state.node);
+        let span = box_span(here.low - state.wider, here.high + state.wider, state.start, state.inverse);
+        let missed = span.x > min(span.y, to_depth) || span.y < from_depth;
+        if here.is_leaf && !missed {
+            state.first = here.first;
+            state.count = here.count;
+        }
+        state.node = select(state.node + 1u, here.escape, missed && !here.is_leaf);
+    }
+    cut_short = cut_short || (state.node < state.end && state.count == 0u);
+    *walk = state;
+}
+
 /// The nearest triangle of `body` that faces the ray, from parameter `from_depth` on.
 fn nearest_hit(body: u32, ray: Ray, from_depth: f32) -> Hit {
     var hit = Hit(NONE, body, 3.0e38);
-    let start = (ray.origin - bodies[body].box_low_m) / bodies[body].box_step_m;
-    let inverse = safe_inverse(ray.direction / bodies[body].box_step_m);
-    let end = bodies[body].node_end;
-    var node = bodies[body].node_first;
-    while node < end {
-        let here = node_at(node);
-        let span = box_span(here.low, here.high, start, inverse);
-        let missed = span.x > min(span.y, hit.depth) || span.y < from_depth;
-        if here.is_leaf && !missed {
-            for (var k = 0u; k < here.count; k++) {
-                let depth = triangle_parameter(here.first + k, ray.origin, ray.direction, false);
-                if depth > from_depth && depth < hit.depth {
-                    hit.depth = depth;
-                    hit.triangle = here.first + k;
-                }
+    var walk = walk_of(body, ray, 0.0);
+    to_next_leaf(&walk, from_depth, hit.depth);
+    while walk.count > 0u {
+        for (var k = 0u; k < walk.count; k++) {
+            let depth = triangle_parameter(walk.first + k, ray.origin, ray.direction, false);
+            if depth > from_depth && depth < hit.depth {
+                hit.depth = depth;
+                hit.triangle = walk.first + k;
             }
         }
-        node = select(node + 1u, here.escape, missed && !here.is_leaf);
+        to_next_leaf(&walk, from_depth, hit.depth);
     }
-    cut_short = cut_short || node < end;
+    cut_short = cut_short || walk.count > 0u;
     return hit;
 }
 
 /// Whether anything of `body` stands in a ray's way.
 fn is_blocked(body: u32, origin: vec3<f32>, direction: vec3<f32>) -> bool {
-    let start = (origin - bodies[body].box_low_m) / bodies[body].box_step_m;
-    let inverse = safe_inverse(direction / bodies[body].box_step_m);
-    let end = bodies[body].node_end;
-    var node = bodies[body].node_first;
+    var walk = walk_of(body, Ray(origin, direction), 0.0);
     var blocked = false;
-    while node < end && !blocked {
-        let here = node_at(node);
-        let span = box_span(here.low, here.high, start, inverse);
-        let missed = span.x > span.y || span.y < 0.0;
-        if here.is_leaf && !missed {
-            for (var k = 0u; k < here.count && !blocked; k++) {
-                blocked = triangle_parameter(here.first + k, origin, direction, true) > 0.0;
-            }
+    to_next_leaf(&walk, 0.0, 3.0e38);
+    while walk.count > 0u && !blocked {
+        for (var k = 0u; k < walk.count && !blocked; k++) {
+            blocked = triangle_parameter(walk.first + k, origin, direction, true) > 0.0;
         }
-        node = select(node + 1u, here.escape, missed && !here.is_leaf);
+        if !blocked {
+            to_next_leaf(&walk, 0.0, 3.0e38);
+        }
     }
-    cut_short = cut_short || (node < end && !blocked);
+    cut_short = cut_short || (walk.count > 0u && !blocked);
     return blocked;
 }

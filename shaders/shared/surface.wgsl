@@ -185,6 +185,10 @@ fn shade(triangle: u32, ray: Ray, sample_size_px: f32, sunlight: Sunlight) -> Sa
                 if mu0 > 0.0 && dot(geometric, direction) > 0.0 && sees_sun(body, start, direction, own_relief) {
                     value += radiance_factor(body, mu0, mu, cos_phase);
                     lit += 1.0;
+                    // Over relief alone, what sees the lowest point sees the rest.
+                    if probing && points == 2u {
+                        break;
+                    }
                 }
             }
             value /= count;

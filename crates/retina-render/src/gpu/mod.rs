@@ -378,7 +378,7 @@ impl Targets {
         let plan = gpu.filled_buffer("plan", &[plan], Usage::UNIFORM)?;
         let (image, list) = (plane_buffer.as_entire_binding(), work.as_entire_binding());
         let visible_view = wgpu::BindingResource::TextureView(&visible);
-        let shade = [image.clone(), list.clone(), light.as_entire_binding(), visible_view];
+        let shade = [image.clone(), list.clone(), light.as_entire_binding(), visible_view.clone()];
         let planning = [image.clone(), list.clone(), dispatches.as_entire_binding(), plan.as_entire_binding()];
         let chunk = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
             buffer: &chunk_buffer,
@@ -390,7 +390,7 @@ impl Targets {
         let refine_group = bind(
             gpu,
             &pipelines.refine_layout,
-            &[image, list, samples.as_entire_binding(), chunk, candidates.as_entire_binding()],
+            &[image, list, samples.as_entire_binding(), chunk, candidates.as_entire_binding(), visible_view],
         );
         Ok(Self {
             size,

@@ -103,7 +103,14 @@ impl Pipelines {
             has_dynamic_offset: true,
             min_binding_size: NonZeroU64::new(16),
         };
-        let refine_layout = layout("refine", &[outputs[0], outputs[1], third, entry(3, only_compute, chunk), entry(4, only_compute, storage(false))]);
+        let refine_layout = layout("refine", &[
+            outputs[0],
+            outputs[1],
+            third,
+            entry(3, only_compute, chunk),
+            entry(4, only_compute, storage(false)),
+            entry(5, only_compute, visible),
+        ]);
         Self {
             visibility: [Some(wgpu::Face::Back), None].map(|cull| visibility(device, &scene_layout, cull)),
             shade: compute(device, &[&scene_layout, &shade_layout], shaders::shade(), "shade_pixels", layers),

@@ -65,7 +65,9 @@ fn walk(renderer: &GpuRenderer, walks: u32) -> (u32, u32) {
     let chunk = Chunk { list: 1, first: 0, pixels: walks, samples_log2: 0 };
     let chunk = gpu.filled_buffer("chunk", &[chunk], Usage::UNIFORM).unwrap();
     let buffers = [&planes, &work, &samples, &chunk, &candidates];
-    let group = bind(gpu, &renderer.pipelines.refine_layout, &buffers.map(wgpu::Buffer::as_entire_binding));
+    let mut resources = buffers.map(wgpu::Buffer::as_entire_binding).to_vec();
+    resources.push(wgpu::BindingResource::TextureView(&renderer.targets.as_ref().unwrap().visible));
+    let group = bind(gpu, &renderer.pipelines.refine_layout, &resources);
     let staging = gpu.buffer("read-back", 32, Usage::COPY_DST | Usage::MAP_READ).unwrap();
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     {
