@@ -1,6 +1,7 @@
 //! Upstream compensation by resampling: each screen pixel reads the undistorted radiance at
-//! D(K_f^-1 R). Lanczos-3, normalised, so that a constant stays constant; radiance is
-//! interpolated, without a Jacobian (optics conserve it).
+//! D(K_f^-1 R). Lanczos-3, normalised, so that a constant stays constant, and held between the
+//! least and the most of the 4 x 4 pixels about: an edge's undershoot cannot be shown, and cutting
+//! it alone would add light. Radiance is interpolated, without a Jacobian (optics conserve it).
 
 struct Warp {
     /// Where the source canvas' corner lies in screen pixels (negative: a margin).
@@ -35,15 +36,22 @@ fn resample(@builtin(global_invocation_id) id: vec3<u32>) {
     let part = place - whole;
     var sum = 0.0;
     var weights = 0.0;
+    var least = 3.0e38;
+    var most = 0.0;
     for (var j = -2; j <= 3; j++) {
         let weight_y = lanczos3(f32(j) - part.y);
         let y = clamp(i32(whole.y) + j, 0, i32(warp.source_size_px.y) - 1);
         for (var i = -2; i <= 3; i++) {
             let weight = weight_y * lanczos3(f32(i) - part.x);
             let x = clamp(i32(whole.x) + i, 0, i32(warp.source_size_px.x) - 1);
-            sum += weight * source[u32(y) * warp.source_size_px.x + u32(x)];
+            let value = source[u32(y) * warp.source_size_px.x + u32(x)];
+            sum += weight * value;
             weights += weight;
+            if max(abs(f32(i) - 0.5), abs(f32(j) - 0.5)) < 2.0 {
+                least = min(least, value);
+                most = max(most, value);
+            }
         }
     }
-    screen[id.y * frame.size_px.x + id.x] = max(sum / weights, 0.0);
+    screen[id.y * frame.size_px.x + id.x] = clamp(sum / weights, least, most);
 }

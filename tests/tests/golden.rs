@@ -2,6 +2,7 @@
 //! code with the shaders. Each comparison has twins that perturb the image and must fail.
 
 use glam::{DQuat, DVec3};
+use retina_geometry::Distortion;
 use retina_radiometry::{AU_M, Hapke, Law, PhaseFunction, Photometry};
 use retina_render::{
     BodyModel, BodyState, CpuRenderer, CpuSampling, FrameState, GpuRenderer, Planes, Quality, RadianceImage,
@@ -25,12 +26,13 @@ fn model(name: &str, shape: retina_model::Body, photometry: Photometry) -> BodyM
 }
 
 /// (reference, GPU image), or `None` without an adapter.
-fn both(models: Vec<BodyModel>, state: &FrameState, quality: Quality) -> Option<(RadianceImage, RadianceImage)> {
+fn both(models: Vec<BodyModel>, state: &FrameState, sampling: CpuSampling) -> Option<(RadianceImage, RadianceImage)> {
     let gpu = adapter()?;
+    let quality = Quality::Best;
     let mut renderer = GpuRenderer::new(gpu, models.clone(), quality, Planes::Layers).expect("the bodies fit");
     renderer.start(state).expect("the frame starts");
     let image = renderer.finish().expect("the frame ends").expect("one frame was started");
-    Some((CpuRenderer::new(models, REFERENCE, Planes::Layers).render(state), image))
+    Some((CpuRenderer::new(models, sampling, Planes::Layers).render(state), image))
 }
 
 /// The Moon from 6000 km at 2 km a pixel, looking down on the terminator: triangles and texels are
@@ -45,7 +47,7 @@ fn moon_close_up() -> FrameState {
 #[test]
 fn moon_with_relief_texture_and_shadows() {
     let state = moon_close_up();
-    let Some((reference, image)) = both(vec![model("moon", moon(), lunar())], &state, Quality::Best) else { return };
+    let Some((reference, image)) = both(vec![model("moon", moon(), lunar())], &state, REFERENCE) else { return };
     let found = compare(&reference, &image);
     println!("{found:?}");
     assert!(found.interior_pixels > 10_000 && found.is_within_tolerance(OUTLIERS), "{found:?}");
@@ -94,7 +96,7 @@ fn eclipse(sun_distance_m: f64) -> (Vec<BodyModel>, FrameState) {
 #[test]
 fn one_bodys_penumbra_on_another() {
     let (models, state) = eclipse(2.0e10);
-    let Some((reference, image)) = both(models.clone(), &state, Quality::Best) else { return };
+    let Some((reference, image)) = both(models.clone(), &state, REFERENCE) else { return };
     let penumbra = reference.plane(10).iter().filter(|&&v| v > 0.05 && v < 0.95).count();
     assert!(penumbra > 100, "the scene holds {penumbra} pixels of penumbra");
     // 64 points of the disc: a straight edge across it is off by 0.02 of the light or so.
@@ -111,7 +113,7 @@ fn one_bodys_penumbra_on_another() {
 
     // The twin without the caster differs.
     let alone = FrameState { bodies: state.bodies[..1].to_vec(), ..state.clone() };
-    let Some((_, unshadowed)) = both(models[..1].to_vec(), &alone, Quality::Best) else { return };
+    let Some((_, unshadowed)) = both(models[..1].to_vec(), &alone, REFERENCE) else { return };
     assert!((compare(&reference, &unshadowed).flux_ratio - 1.0).abs() > 1e-2);
 }
 
@@ -137,12 +139,42 @@ fn every_law_in_the_shader_is_the_librarys() {
             let state = FrameState { image: square_image(96, 400.0), distortion: None, bodies: vec![body] };
             let photometry = Photometry::new(law, phase_function, Some(0.15));
             let models = vec![model(name, sphere(1.0e6, 64), photometry)];
-            let Some((reference, image)) = both(models, &state, Quality::Best) else { return };
+            let sampling = CpuSampling { grid: 4, refined_grid: 16, sun_points: 1, contrast: 0.1 };
+            let Some((reference, image)) = both(models, &state, sampling) else { return };
             let found: Comparison = compare(&reference, &image);
             let limit = if name == "hapke" { 5e-3 } else { 2e-3 };
             assert!(found.interior_rms < limit && found.interior_worst < 0.02, "{name} at {phase_deg} deg: {found:?}");
         }
     }
+}
+
+#[test]
+fn rendering_through_the_distortion() {
+    // Radial and decentring terms, 6 % at the corner: both renderers see r = D(K^-1 R).
+    let (k1, p) = (4.0, 6e-3);
+    let distortion = Distortion::from_terms(&[
+        (1, 0, 1.0, 0.0),
+        (0, 1, 0.0, 1.0),
+        (3, 0, k1, 0.0),
+        (1, 2, k1, 0.0),
+        (2, 1, 0.0, k1),
+        (0, 3, 0.0, k1),
+        (2, 0, 3.0 * p, 0.0),
+        (0, 2, p, 0.0),
+        (1, 1, 0.0, 2.0 * p),
+    ]);
+    let sun = DVec3::new(0.5, -0.3, -0.8);
+    let body = placed(DVec3::new(4.0e5, -3.0e5, 1.0e7), DQuat::IDENTITY, sun, AU_M);
+    let state = FrameState { image: square_image(128, 700.0), distortion: Some(distortion), bodies: vec![body] };
+    let models = vec![model("sphere", sphere(7.0e5, 64), lunar())];
+    let sampling = CpuSampling { grid: 4, refined_grid: 16, sun_points: 1, contrast: 0.1 };
+    let Some((reference, image)) = both(models.clone(), &state, sampling) else { return };
+    let found = compare(&reference, &image);
+    assert!(found.interior_rms < 1e-3 && found.interior_worst < 0.02, "{found:?}");
+    assert!((found.flux_ratio - 1.0).abs() < 2e-4, "{found:?}");
+    // The twin without the distortion differs.
+    let Some((_, straight)) = both(models, &FrameState { distortion: None, ..state }, sampling) else { return };
+    assert!(compare(&reference, &straight).interior_rms > 1e-2);
 }
 
 #[test]
