@@ -1,1 +1,86 @@
-fn main() {}
+//! The command `retina`: arguments in, libraries called, results and errors shown.
+//!
+//! Exit codes: 0 done; 1 done, and a tolerance that the caller asked for is exceeded; 2 bad input
+//! or failure. With `--json` standard output holds one JSON document and nothing else.
+
+mod command;
+mod failure;
+mod progress;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use failure::Failure;
+
+/// Scenes rendered to compensated screen images for a camera-in-the-loop facility.
+#[derive(Parser)]
+#[command(name = "retina", version, arg_required_else_help = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Renders a scene's frames into screen images with ground truth beside each.
+    Render(command::render::Arguments),
+    /// Resamples an image through the facility's distortion.
+    Warp(command::warp::Arguments),
+    /// Builds a body's mesh and textures from a relief and an albedo map.
+    Body(command::body::Arguments),
+    /// Writes a built-in trajectory as a table.
+    Trajectory(command::trajectory::Arguments),
+    /// Makes the contact sheet of a folder of frames.
+    Sheet(command::sheet::Arguments),
+    /// Says which graphics adapter would render.
+    Adapter(command::adapter::Arguments),
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let result = match arguments.command {
+        Command::Render(arguments) => command::render::run(arguments),
+        Command::Warp(arguments) => command::warp::run(arguments),
+        Command::Body(arguments) => command::body::run(arguments),
+        Command::Trajectory(arguments) => command::trajectory::run(arguments),
+        Command::Sheet(arguments) => command::sheet::run(arguments),
+        Command::Adapter(arguments) => command::adapter::run(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            failure.show();
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Writes a document to standard output; a reader that has gone away is no failure.
+fn print_json(document: &serde_json::Value) {
+    use std::io::Write as _;
+    let _ = writeln!(std::io::stdout(), "{document:#}");
+}
+
+/// Where a file is to be written, its folder must be: `Err` names the folder that is not.
+fn check_target(path: &std::path::Path) -> Result<(), Failure> {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
+            Err(retina_files::InputError::new(path, "cannot be written: its folder does not exist")
+                .found(folder.display())
+                .help("make the folder, or give --out another path")
+                .into())
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        super::Arguments::command().debug_assert();
+    }
+}

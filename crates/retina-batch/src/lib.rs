@@ -1,0 +1,33 @@
+//! Running a scene: from its frames to files.
+//!
+//! - [`Batch`]: renders the chosen frames of a scene into a folder: screen images, truth, EXR,
+//!   manifest; renders on while finished frames are encoded; resumes and shares a folder.
+//! - [`Selection`]: which frames: a range, every so many, a shard.
+//! - [`Resampler`]: an image resampled through the distortion in f64, Lanczos-3.
+//! - [`warp_file`]: the same from file to file, counts or linear values.
+//! - [`contact_sheet`]: a folder's frames at a glance.
+
+mod digits;
+mod error;
+mod exr_file;
+mod folder;
+mod linear_image;
+mod plan;
+mod resample;
+mod run;
+mod screen;
+mod selection;
+mod sheet;
+mod source;
+mod warp_file;
+
+pub use error::BatchError;
+pub use exr_file::{Channels, read_exr, write_exr};
+pub use plan::ImagePlan;
+pub use resample::{Canvas, Resampler};
+pub use run::{Batch, Observer, Options, Progress, Summary};
+pub use screen::{Encoded, ScreenEncoder};
+pub use selection::{FrameRange, Selection, Shard};
+pub use sheet::contact_sheet;
+pub use source::{AdapterName, BackendChoice};
+pub use warp_file::{WarpReport, warp_file};

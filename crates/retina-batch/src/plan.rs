@@ -1,0 +1,128 @@
+//! Which image is rendered for a frame, and how the screen's is made of it.
+
+use retina_geometry::{Distortion, Pinhole, WarpMap};
+use retina_render::{PLANE_NAMES, Planes, RadianceImage};
+use retina_scene::{Compensation, Layer, Scene};
+
+use crate::{Canvas, Channels, Resampler};
+
+/// What is rendered for each frame of a scene, and what becomes of it.
+#[derive(Debug, Clone)]
+pub struct ImagePlan {
+    /// The image that is rendered.
+    pub image: Pinhole,
+    /// D in the lines of sight that are rendered (mode `direct`).
+    pub distortion: Option<Distortion>,
+    /// The resampling into the screen's image (mode `resample`).
+    pub resampling: Option<(WarpMap, Canvas)>,
+    /// Planes that are rendered.
+    pub planes: Planes,
+    screen: Pinhole,
+    channels: Option<Vec<&'static str>>,
+    mode: Compensation,
+}
+
+/// A frame's images.
+pub(crate) struct Developed {
+    /// Radiance at each of the screen's pixels, W m^-2 sr^-1 nm^-1.
+    pub(crate) screen: Vec<f32>,
+    /// The EXR's channels, where one is asked for.
+    pub(crate) channels: Option<Channels>,
+}
+
+impl ImagePlan {
+    /// The plan of a scene.
+    pub fn of(scene: &Scene) -> Self {
+        let screen = scene.setup.facility_pinhole();
+        let channels = scene.output.exr.then(|| {
+            let mut names = vec!["Y", "IF"];
+            names.extend(scene.output.layers.iter().flat_map(|layer: &Layer| layer.channels()));
+            names.dedup();
+            names
+        });
+        let planes = match &channels {
+            None => Planes::Radiance,
+            Some(names) if names.len() == 2 => Planes::RadianceFactor,
+            Some(_) => Planes::Layers,
+        };
+        let mode = scene.compensation;
+        let mut plan =
+            Self { image: screen, distortion: None, resampling: None, planes, screen, channels, mode };
+        match (mode, &scene.distortion) {
+            (Compensation::Direct, Some(distortion)) => plan.distortion = Some(distortion.clone()),
+            (Compensation::Resample, Some(distortion)) => {
+                let map = WarpMap { pinhole: screen, distortion: distortion.clone() };
+                let canvas = Canvas::around(&map);
+                plan.image = Pinhole {
+                    cx_px: screen.cx_px - f64::from(canvas.origin_px[0]),
+                    cy_px: screen.cy_px - f64::from(canvas.origin_px[1]),
+                    width_px: canvas.size_px[0],
+                    height_px: canvas.size_px[1],
+                    ..screen
+                };
+                plan.resampling = Some((map, canvas));
+            }
+            _ => {}
+        }
+        plan
+    }
+
+    /// Whether the rendered image is wanted whole, besides the screen's.
+    pub(crate) fn keeps_rendered(&self) -> bool {
+        self.channels.is_some()
+    }
+
+    /// What an EXR's pixels are, for its metadata.
+    pub(crate) fn exr_geometry(&self) -> &'static str {
+        match self.mode {
+            Compensation::None => "screen: pixel R is the line of sight K_f^-1 R",
+            Compensation::Direct => "screen: pixel R is the line of sight D(K_f^-1 R)",
+            Compensation::Resample => {
+                "undistorted K_f image: pixel R is the line of sight K_f^-1 R; the screen image is resampled from it"
+            }
+        }
+    }
+
+    /// The screen's radiance and the EXR's channels from what was rendered.
+    pub(crate) fn develop(&self, rendered: RadianceImage, resampler: Option<&Resampler>) -> Developed {
+        let channels = self.channels.as_ref().map(|names| self.crop(&rendered, names));
+        let screen = match resampler {
+            Some(resampler) => resampler.resample(rendered.radiance()),
+            None if rendered.plane_count() == 1 => rendered.data,
+            None => rendered.radiance().to_vec(),
+        };
+        Developed { screen, channels }
+    }
+
+    /// The channels over the screen's area.
+    fn crop(&self, rendered: &RadianceImage, names: &[&str]) -> Channels {
+        let (width, height) = (self.screen.width_px as usize, self.screen.height_px as usize);
+        let [left, top] =
+            self.resampling.as_ref().map_or([0, 0], |(_, canvas)| canvas.origin_px.map(|o| (-o) as usize));
+        let rendered_width = rendered.width_px as usize;
+        let cut = |name: &str| -> Option<Vec<f32>> {
+            let plane = rendered.plane(PLANE_NAMES.iter().position(|plane| *plane == name)?);
+            Some(
+                (0..height)
+                    .flat_map(|y| {
+                        let first = (y + top) * rendered_width + left;
+                        plane[first..first + width].iter().copied()
+                    })
+                    .collect(),
+            )
+        };
+        let mut channels: Vec<(String, Vec<f32>)> =
+            names.iter().filter_map(|name| Some((String::from(*name), cut(name)?))).collect();
+        // Where there is no body, the depth is without bound.
+        if let Some((_, depth)) = channels.iter_mut().find(|(name, _)| name == "depth")
+            && let Some(mask) = cut("mask")
+        {
+            for (depth, coverage) in depth.iter_mut().zip(mask) {
+                if coverage == 0.0 {
+                    *depth = f32::INFINITY;
+                }
+            }
+        }
+        Channels { width_px: width, height_px: height, channels }
+    }
+}

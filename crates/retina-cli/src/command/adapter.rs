@@ -1,0 +1,37 @@
+//! `retina adapter`.
+
+use retina_batch::AdapterName;
+use serde_json::json;
+
+use super::Backend;
+use crate::failure::Failure;
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// As `retina render` takes it.
+    #[arg(long, value_enum, default_value_t)]
+    backend: Backend,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let (name, fallback) = AdapterName::of_choice(arguments.backend.into())?;
+    let reason = fallback.map(|error| error.to_string());
+    if arguments.json {
+        crate::print_json(&json!({
+            "schema": "retina.adapter/1",
+            "backend": name.backend,
+            "adapter": name.adapter,
+            "driver": name.driver,
+            "fallback_reason": reason,
+        }));
+        return Ok(());
+    }
+    println!("{}: {} ({})", name.backend, name.adapter, name.driver);
+    if let Some(reason) = reason {
+        eprintln!("retina: rendering would be on the CPU: {reason}");
+    }
+    Ok(())
+}

@@ -1,0 +1,107 @@
+//! `retina body`.
+
+use std::path::PathBuf;
+
+use retina_files::write_atomic;
+use retina_model::{AlbedoSource, BuildSpec, Relief, build_body};
+use serde_json::json;
+
+use crate::failure::Failure;
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Radius of the reference sphere, m.
+    #[arg(long, value_name = "R")]
+    radius_m: f64,
+    /// Relief map: plate carree, grey PNG or TIFF, 8 or 16 bits, north up.
+    #[arg(long, value_name = "IMAGE")]
+    relief: Option<PathBuf>,
+    /// Metres of height for one unit of the relief's samples.
+    #[arg(long, requires = "relief", default_value_t = 1.0)]
+    metres_per_unit: f64,
+    /// Height of the relief's sample 0, m.
+    #[arg(long, requires = "relief", default_value_t = 0.0, allow_negative_numbers = true)]
+    offset_m: f64,
+    /// Albedo map: plate carree, sRGB-encoded PNG, JPEG or TIFF, north up.
+    #[arg(long, value_name = "IMAGE")]
+    albedo: Option<PathBuf>,
+    /// East longitude of the maps' left edge, deg.
+    #[arg(long, default_value_t = -180.0, allow_negative_numbers = true)]
+    longitude_left_deg: f64,
+    /// Mesh cells along each edge of a cube face, 1 to 2048.
+    #[arg(long, value_name = "N", default_value_t = 256)]
+    cells: u32,
+    /// Texture pixels along each edge of a cube face, 2 to 8192.
+    #[arg(long, value_name = "N", default_value_t = 1024)]
+    texels: u32,
+    /// Store the textures as JPEG of this quality, 1 to 100; without it, as PNG.
+    #[arg(long, value_name = "Q")]
+    jpeg_quality: Option<u8>,
+    /// The body's name.
+    #[arg(long, default_value = "body")]
+    name: String,
+    /// Where a map comes from; may be given several times.
+    #[arg(long, value_name = "TEXT")]
+    source: Vec<String>,
+    /// For the model's copyright field.
+    #[arg(long, value_name = "TEXT")]
+    copyright: Option<String>,
+    /// The model to write, a .glb.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Print the report as a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
+    crate::check_target(&arguments.out)?;
+    let longitude_left_deg = arguments.longitude_left_deg;
+    let built = build_body(&BuildSpec {
+        name: arguments.name,
+        radius_m: arguments.radius_m,
+        relief: arguments.relief.map(|path| Relief {
+            path,
+            metres_per_unit: arguments.metres_per_unit,
+            offset_m: arguments.offset_m,
+            longitude_left_deg,
+        }),
+        albedo: arguments.albedo.map(|path| AlbedoSource { path, longitude_left_deg }),
+        cells: arguments.cells,
+        texels: arguments.texels,
+        jpeg_quality: arguments.jpeg_quality,
+        sources: arguments.source,
+        copyright: arguments.copyright,
+    })?;
+    write_atomic(&arguments.out, &built.glb)
+        .map_err(|error| Failure::new(format!("{} cannot be written: {error}", arguments.out.display())))?;
+    let report = built.report;
+    eprintln!(
+        "retina: {}: {} vertices, {} triangles, heights {:.0} to {:.0} m, edges up to {:.4} deg (longest / shortest \
+         {:.3}, areas {:.3}), {} bytes",
+        arguments.out.display(),
+        report.vertices,
+        report.triangles,
+        report.min_height_m,
+        report.max_height_m,
+        report.max_edge_rad.to_degrees(),
+        report.edge_ratio,
+        report.area_ratio,
+        report.bytes,
+    );
+    if arguments.json {
+        crate::print_json(&json!({
+            "schema": "retina.body/1",
+            "out": arguments.out,
+            "vertices": report.vertices,
+            "triangles": report.triangles,
+            "min_height_m": report.min_height_m,
+            "max_height_m": report.max_height_m,
+            "area_ratio": report.area_ratio,
+            "edge_ratio": report.edge_ratio,
+            "max_edge_deg": report.max_edge_rad.to_degrees(),
+            "bytes": report.bytes,
+        }));
+    }
+    Ok(())
+}

@@ -1,0 +1,120 @@
+//! `retina render`.
+
+use std::path::PathBuf;
+
+use retina_batch::{Batch, FrameRange, Options, Selection, Shard, Summary};
+use retina_render::Quality;
+use retina_scene::Scene;
+use serde_json::json;
+
+use super::Backend;
+use crate::failure::Failure;
+use crate::progress::Reporter;
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// The scene, schema retina.scene/1.
+    scene: PathBuf,
+    /// Folder for frames/, truth/, manifest.jsonl and the contact sheet.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Only frames A to B, counted from 0, B excluded.
+    #[arg(long, value_name = "A..B")]
+    frames: Option<FrameRange>,
+    /// Only every K-th frame, from the first.
+    #[arg(long, value_name = "K")]
+    every: Option<usize>,
+    /// Only the frames whose number is I modulo N.
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
+    /// Keep the finished frames of an earlier run of the same scene and make the others.
+    #[arg(long)]
+    resume: bool,
+    /// What renders.
+    #[arg(long, value_enum, default_value_t)]
+    backend: Backend,
+    /// How finely a frame is sampled, in the place of the scene's own.
+    #[arg(long, value_enum)]
+    quality: Option<QualityName>,
+    /// Print the summary as a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum QualityName {
+    /// For a first look.
+    Draft,
+    /// Limb within 0.01 px rms.
+    Default,
+    /// Limb within 0.003 px rms; slower.
+    Best,
+}
+
+pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
+    let scene = Scene::read(&arguments.scene)?;
+    let options = Options {
+        dir: arguments.out,
+        selection: Selection { range: arguments.frames, every: arguments.every, shard: arguments.shard },
+        resume: arguments.resume,
+        backend: arguments.backend.into(),
+        quality: arguments.quality.map(|quality| match quality {
+            QualityName::Draft => Quality::Draft,
+            QualityName::Default => Quality::Default,
+            QualityName::Best => Quality::Best,
+        }),
+    };
+    let mut reporter = Reporter::new();
+    let result = Batch::new(scene, options).run(&mut reporter);
+    reporter.clear();
+    let summary = result?;
+    report(&summary);
+    if arguments.json {
+        crate::print_json(&document(&summary));
+    }
+    Ok(())
+}
+
+fn seconds_a_frame(summary: &Summary) -> Option<f64> {
+    (summary.done > 0).then(|| summary.seconds / summary.done as f64)
+}
+
+fn report(summary: &Summary) {
+    let dir = summary.dir.display();
+    match (&summary.adapter, seconds_a_frame(summary)) {
+        (Some(name), Some(each)) => eprintln!(
+            "retina: {} frames in {:.1} s ({each:.3} s each), {} were there; radiance scale {:.6e}; {} ({}); {dir}",
+            summary.done, summary.seconds, summary.skipped, summary.radiance_scale, name.adapter, name.driver,
+        ),
+        _ if summary.skipped > 0 => {
+            eprintln!("retina: nothing to do, all {} frames are there; {dir}", summary.skipped);
+        }
+        _ => eprintln!("retina: nothing to do, the selection holds no frame; {dir}"),
+    }
+    if summary.saturated_px > 0 {
+        eprintln!(
+            "retina: warning: {} pixels in {} frames are brighter than the screen can show; a smaller radiance_scale \
+             avoids it",
+            summary.saturated_px, summary.saturated_frames,
+        );
+    }
+}
+
+fn document(summary: &Summary) -> serde_json::Value {
+    let name = summary.adapter.as_ref();
+    json!({
+        "schema": "retina.render/1",
+        "dir": summary.dir,
+        "frames_done": summary.done,
+        "frames_skipped": summary.skipped,
+        "seconds": summary.seconds,
+        "seconds_per_frame": seconds_a_frame(summary),
+        "radiance_scale": summary.radiance_scale,
+        "saturated_px": summary.saturated_px,
+        "saturated_frames": summary.saturated_frames,
+        "backend": name.map(|name| name.backend),
+        "adapter": name.map(|name| &name.adapter),
+        "driver": name.map(|name| &name.driver),
+        "contact_sheet": summary.contact_sheet,
+    })
+}

@@ -1,0 +1,19 @@
+//! `retina sheet`.
+
+use std::path::PathBuf;
+
+use retina_batch::contact_sheet;
+
+use crate::failure::Failure;
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// A folder that `retina render` wrote.
+    dir: PathBuf,
+}
+
+pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
+    let path = contact_sheet(&arguments.dir)?;
+    eprintln!("retina: {}", path.display());
+    Ok(())
+}

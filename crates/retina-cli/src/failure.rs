@@ -1,0 +1,112 @@
+//! Errors as the user sees them.
+
+use std::fmt;
+use std::io::IsTerminal as _;
+
+use miette::{Diagnostic, LabeledSpan, MietteHandlerOpts, NamedSource, ReportHandler, SourceCode};
+use retina_batch::BatchError;
+use retina_files::InputError;
+use retina_render::RenderError;
+
+/// What ends the command with exit code 2.
+pub(crate) struct Failure {
+    message: String,
+    help: Option<String>,
+    source: Option<NamedSource<String>>,
+    span: Option<(usize, usize)>,
+}
+
+impl Failure {
+    /// A failure that is no input's fault.
+    pub(crate) fn new(message: impl Into<String>) -> Self {
+        Self { message: message.into(), help: None, source: None, span: None }
+    }
+
+    /// Prints the error to standard error, with the place in the file underlined where it has one.
+    pub(crate) fn show(&self) {
+        let terminal = std::io::stderr().is_terminal();
+        // Lines are not wrapped: paths stay whole, so that they can be copied and searched for.
+        let handler = MietteHandlerOpts::new()
+            .color(terminal)
+            .unicode(terminal)
+            .terminal_links(false)
+            .wrap_lines(false)
+            .build();
+        eprint!("{:?}", Shown { failure: self, handler: &handler });
+    }
+}
+
+impl From<InputError> for Failure {
+    fn from(error: InputError) -> Self {
+        let message = error.to_string();
+        let (source, span) = match error.snippet {
+            Some(snippet) => {
+                // A span at the very end of the text is moved onto it, where it can be shown.
+                let offset = snippet.offset.min(snippet.text.len());
+                let length = snippet.length.min(snippet.text.len() - offset);
+                let name = error.file.display().to_string();
+                (Some(NamedSource::new(name, snippet.text)), Some((offset, length)))
+            }
+            None => (None, None),
+        };
+        Self { message, help: error.help, source, span }
+    }
+}
+
+impl From<BatchError> for Failure {
+    fn from(error: BatchError) -> Self {
+        match error {
+            BatchError::Input(error) => error.into(),
+            BatchError::Render(error) => error.into(),
+            error => Self::new(error.to_string()),
+        }
+    }
+}
+
+impl From<RenderError> for Failure {
+    fn from(error: RenderError) -> Self {
+        let help = matches!(error, RenderError::NoAdapter(_) | RenderError::TooLarge { .. })
+            .then(|| "--backend cpu renders without a graphics adapter".to_owned());
+        Self { help, ..Self::new(error.to_string()) }
+    }
+}
+
+struct Shown<'a, H> {
+    failure: &'a Failure,
+    handler: &'a H,
+}
+
+impl<H: ReportHandler> fmt::Debug for Shown<'_, H> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.handler.debug(self.failure, f)
+    }
+}
+
+impl fmt::Debug for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for Failure {}
+
+impl Diagnostic for Failure {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.help.as_ref().map(|help| Box::new(help) as Box<dyn fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        self.source.as_ref().map(|source| source as &dyn SourceCode)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        let span = self.span?;
+        Some(Box::new(std::iter::once(LabeledSpan::new_with_span(Some("here".into()), span))))
+    }
+}

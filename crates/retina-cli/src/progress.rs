@@ -1,0 +1,72 @@
+//! How far a run is, on standard error.
+
+use std::io::IsTerminal as _;
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use retina_batch::{Observer, Progress};
+
+/// Time between lines where standard error is no terminal.
+const LINE_INTERVAL: Duration = Duration::from_secs(10);
+
+/// A bar on a terminal, a line now and then elsewhere.
+pub(crate) struct Reporter {
+    bar: Option<ProgressBar>,
+    start: Instant,
+    last_line: Instant,
+}
+
+impl Reporter {
+    pub(crate) fn new() -> Self {
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let style = ProgressStyle::with_template(
+                "{wide_bar} {pos}/{len} frames, {per_sec}, {elapsed} gone, {eta} left",
+            );
+            ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+        });
+        let now = Instant::now();
+        Self { bar, start: now, last_line: now }
+    }
+
+    /// Takes the bar away.
+    pub(crate) fn clear(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+impl Observer for Reporter {
+    fn note(&mut self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| eprintln!("retina: {text}")),
+            None => eprintln!("retina: {text}"),
+        }
+    }
+
+    fn progress(&mut self, progress: Progress) {
+        if progress.done == 0 {
+            // The first frames' rate is not to contain the time before them.
+            self.start = Instant::now();
+            self.last_line = self.start;
+        }
+        if let Some(bar) = &self.bar {
+            if progress.done == 0 {
+                bar.reset();
+            }
+            bar.set_length(progress.to_do as u64);
+            bar.set_position(progress.done as u64);
+            return;
+        }
+        if self.last_line.elapsed() < LINE_INTERVAL || progress.done == 0 {
+            return;
+        }
+        self.last_line = Instant::now();
+        let rate = progress.done as f64 / self.start.elapsed().as_secs_f64();
+        let left_s = (progress.to_do - progress.done) as f64 / rate;
+        eprintln!(
+            "retina: {}/{} frames, {rate:.2} a second, {left_s:.0} s left",
+            progress.done, progress.to_do
+        );
+    }
+}

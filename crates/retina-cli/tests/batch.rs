@@ -1,0 +1,155 @@
+//! Runs: resumed, sharded, selected; the automatic radiance scale; what is written.
+
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
+
+mod common;
+
+use std::fs;
+use std::io::Write as _;
+
+use common::{Fixture, assert_done, contents, counts, json, stderr};
+
+#[test]
+fn a_killed_run_is_finished_with_the_same_bytes() {
+    let fixture = Fixture::with_frames(40);
+    assert_done(&fixture.render("whole", &[]));
+    let mut child =
+        fixture.render_command("killed", &[]).stderr(std::process::Stdio::null()).spawn().unwrap();
+    let manifest = fixture.path("killed/manifest.jsonl");
+    let lines = || fs::read_to_string(&manifest).map_or(0, |text| text.lines().count());
+    while lines() < 5 {
+        assert!(child.try_wait().unwrap().is_none(), "it finished before it could be killed");
+        std::thread::yield_now();
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let finished = lines();
+    assert!((5..40).contains(&finished), "{finished}");
+    // Everything that has its name is whole.
+    let whole = contents(&fixture.path("whole"));
+    for (path, bytes) in contents(&fixture.path("killed")) {
+        let name = path.to_string_lossy().into_owned();
+        if !name.contains(".part-") && !name.ends_with(".jsonl") {
+            assert_eq!(Some(&bytes), whole.get(&path), "{name}");
+        }
+    }
+    // What a kill may leave at its worst.
+    fs::write(fixture.path("killed/frames/.part-left"), "x").unwrap();
+    fs::OpenOptions::new()
+        .append(true)
+        .open(&manifest)
+        .unwrap()
+        .write_all(b"{\"schema\":\"retina.mani")
+        .unwrap();
+    let summary = json(&fixture.render("killed", &["--resume", "--json"]));
+    assert!(summary["frames_skipped"].as_u64().unwrap() >= finished as u64 - 1);
+    assert_eq!(contents(&fixture.path("killed")), whole);
+    let again = json(&fixture.render("killed", &["--resume", "--json"]));
+    assert_eq!((again["frames_done"].as_u64(), again["frames_skipped"].as_u64()), (Some(0), Some(40)));
+}
+
+#[test]
+fn a_damaged_frame_is_made_again() {
+    let fixture = Fixture::new();
+    assert_done(&fixture.render("out", &[]));
+    let whole = contents(&fixture.path("out"));
+    fs::write(fixture.path("out/frames/000003.png"), "torn").unwrap();
+    fs::remove_file(fixture.path("out/truth/000001.json")).unwrap();
+    let summary = json(&fixture.render("out", &["--resume", "--json"]));
+    assert_eq!((summary["frames_done"].as_u64(), summary["frames_skipped"].as_u64()), (Some(2), Some(4)));
+    assert_eq!(contents(&fixture.path("out")), whole);
+}
+
+#[test]
+fn shards_at_once_into_one_folder_are_one_run() {
+    let fixture = Fixture::with_frames(12);
+    fixture.edit("scene.toml", "\"none\"", "\"resample\"");
+    assert_done(&fixture.render("one", &[]));
+    let shards: Vec<_> = (0..3)
+        .map(|i| {
+            fixture
+                .render_command("shards", &["--shard", &format!("{i}/3")])
+                .stderr(std::process::Stdio::piped())
+                .spawn()
+                .unwrap()
+        })
+        .collect();
+    for shard in shards {
+        assert_done(&shard.wait_with_output().unwrap());
+    }
+    let (mut one, mut parts) = (contents(&fixture.path("one")), contents(&fixture.path("shards")));
+    // The sheet is of the frames that were there when the last shard looked.
+    let sheet = std::path::Path::new("contact-sheet.png");
+    assert!(one.remove(sheet).is_some() && parts.remove(sheet).is_some());
+    assert_eq!(one, parts);
+    let empty = json(&fixture.render("more", &["--frames", "0..2", "--shard", "7/9", "--json"]));
+    assert_eq!(empty["frames_done"].as_u64(), Some(0));
+}
+
+#[test]
+fn a_selection_holds_the_frames_asked_for() {
+    let fixture = Fixture::new();
+    assert_done(&fixture.render("out", &["--frames", "1..6", "--every", "2"]));
+    let names: Vec<_> = contents(&fixture.path("out/frames")).into_keys().collect();
+    assert_eq!(
+        names.iter().map(|n| n.to_str().unwrap()).collect::<Vec<_>>(),
+        ["000001.png", "000003.png", "000005.png"]
+    );
+}
+
+#[test]
+fn the_brightest_pixel_of_the_sequence_is_just_below_saturation() {
+    let fixture = Fixture::new();
+    let whole = json(&fixture.render("whole", &["--json"]));
+    let brightest = |name: &str| *counts(&fixture.path(name)).iter().max().unwrap();
+    let most = (0..6).map(|i| brightest(&format!("whole/frames/{i:06}.png"))).max().unwrap();
+    assert!((253..=255).contains(&most), "{most}");
+    assert_eq!(whole["saturated_px"].as_u64(), Some(0));
+    // Phase 0 is the brightest frame of a Lambert sphere; without it the scale is the same.
+    let part = json(&fixture.render("part", &["--frames", "4..6", "--json"]));
+    assert_eq!(part["radiance_scale"], whole["radiance_scale"]);
+    assert_eq!(
+        fs::read(fixture.path("part/frames/000005.png")).unwrap(),
+        fs::read(fixture.path("whole/frames/000005.png")).unwrap()
+    );
+    // Radiance 0.12 * 1.856 / pi at 1 au, times the scale and a pixel's solid angle, is count 254:
+    // 3.67e-11 * 10^(1.44 / 2.5) * (254 / 255)^2.2.
+    let full = 3.67e-11 * 10f64.powf(1.44 / 2.5) * (254f64 / 255.0).powf(2.2);
+    let expected = full * 900.0 * 900.0 * std::f64::consts::PI / (0.12 * 1.856);
+    let scale = whole["radiance_scale"].as_f64().unwrap();
+    assert!((scale / expected - 1.0).abs() < 2e-3, "{scale} {expected}");
+}
+
+#[test]
+fn saturated_pixels_are_counted_and_told() {
+    let fixture = Fixture::new();
+    let scale = json(&fixture.render("auto", &["--json"]))["radiance_scale"].as_f64().unwrap();
+    fixture.edit("scene.toml", "\"auto\"", &format!("{}", 4.0 * scale));
+    let output = fixture.render("bright", &["--frames", "0..1", "--json"]);
+    let told = json(&output)["saturated_px"].as_u64().unwrap();
+    // At phase 0 the radiance goes with cos i: above a quarter of the centre's out to sin i = 0.968.
+    let expected = std::f64::consts::PI * (40.0 * 0.968f64).powi(2);
+    assert!((told as f64 / expected - 1.0).abs() < 0.02, "{told} {expected}");
+    assert!(stderr(&output).contains("brighter than the screen can show"));
+    let line = fs::read_to_string(fixture.path("bright/manifest.jsonl")).unwrap();
+    let line: serde_json::Value = serde_json::from_str(&line).unwrap();
+    assert_eq!(line["saturated_px"].as_u64(), Some(told));
+    for key in ["index", "inputs", "outputs", "seed", "radiance_scale", "adapter", "driver"] {
+        assert!(!line[key].is_null(), "{key}");
+    }
+    assert_eq!(line["adapter"], "cpu");
+}
+
+#[test]
+fn the_sheet_is_made_and_made_again() {
+    let fixture = Fixture::new();
+    assert_done(&fixture.render("out", &[]));
+    let sheet = fixture.path("out/contact-sheet.png");
+    let bytes = fs::read(&sheet).unwrap();
+    // Six frames of 160 x 100 in rows of three, 4 px apart.
+    let image = image::open(&sheet).unwrap();
+    assert_eq!((image.width(), image.height()), (3 * 164 + 4, 2 * 104 + 4));
+    fs::remove_file(&sheet).unwrap();
+    assert_done(&common::retina().arg("sheet").arg(fixture.path("out")).output().unwrap());
+    assert_eq!(fs::read(&sheet).unwrap(), bytes);
+}

@@ -1,0 +1,296 @@
+//! The shape of `SCENE.toml`, schema `retina.scene/1`: keys and their types, nothing resolved.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Error as _, IgnoredAny, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+
+/// The whole file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SceneFile {
+    pub(crate) schema: String,
+    pub(crate) setup: PathBuf,
+    pub(crate) trajectory: TrajectoryKey,
+    #[serde(default)]
+    pub(crate) radiance_scale: ScaleKey,
+    /// For what is random; kept in the manifest.
+    #[serde(default)]
+    pub(crate) seed: u64,
+    /// A frame without any body in view is meant.
+    #[serde(default)]
+    pub(crate) allow_empty_frames: bool,
+    #[serde(default)]
+    pub(crate) compensation: CompensationTable,
+    #[serde(default)]
+    pub(crate) body: Vec<BodyTable>,
+    pub(crate) stars: Option<IgnoredAny>,
+    #[serde(default)]
+    pub(crate) render: RenderTable,
+    #[serde(default)]
+    pub(crate) output: OutputTable,
+}
+
+/// A trajectory: the path of a table, or what generates one.
+#[derive(Debug)]
+pub(crate) enum TrajectoryKey {
+    Path(PathBuf),
+    Generated(GeneratedTable),
+}
+
+/// A generated trajectory.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct GeneratedTable {
+    #[serde(rename = "kind")]
+    _kind: GeneratorKind,
+    /// Time of the first frame, or of the middle one where `centred`.
+    pub(crate) epoch: Option<String>,
+    pub(crate) frames: usize,
+    pub(crate) step_s: f64,
+    pub(crate) jacobi: Option<f64>,
+    pub(crate) centred: Option<bool>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum GeneratorKind {
+    LumioHalo,
+}
+
+/// `"auto"` or a number.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) enum ScaleKey {
+    #[default]
+    Auto,
+    Value(f64),
+}
+
+/// `[compensation]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CompensationTable {
+    #[serde(default)]
+    pub(crate) mode: Compensation,
+    /// Relative to the scene; by default the setup's own.
+    pub(crate) calibration: Option<PathBuf>,
+}
+
+/// How the facility's distortion is undone beforehand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Compensation {
+    /// Not at all: the screen shows K_f's image.
+    #[default]
+    None,
+    /// An undistorted image is rendered and resampled through D.
+    Resample,
+    /// Each screen pixel's line of sight D(K_f^-1 R) is rendered.
+    Direct,
+}
+
+impl Compensation {
+    /// The name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Resample => "resample",
+            Self::Direct => "direct",
+        }
+    }
+}
+
+/// `[[body]]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct BodyTable {
+    pub(crate) name: String,
+    pub(crate) model: PathBuf,
+    pub(crate) photometry: PhotometryTable,
+    #[serde(default)]
+    pub(crate) shading: Shading,
+    pub(crate) reference_radius_m: Option<f64>,
+    pub(crate) reference_semi_axes_m: Option<[f64; 3]>,
+    #[serde(default)]
+    pub(crate) may_be_behind: bool,
+}
+
+/// Which normals the light meets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Shading {
+    /// As the model says.
+    #[default]
+    Auto,
+    /// Vertex normals averaged over the triangles.
+    Smooth,
+    /// Each triangle's own.
+    Flat,
+}
+
+/// `photometry`: flat, so that an unknown key is still pointed at; which key belongs to which law
+/// is checked afterwards.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PhotometryTable {
+    pub(crate) model: LawName,
+    pub(crate) normal_albedo: Option<f64>,
+    pub(crate) phase_function: Option<PhaseFunctionTable>,
+    pub(crate) decay_deg: Option<f64>,
+    pub(crate) roughness_deg: Option<f64>,
+    pub(crate) single_scattering_albedo: Option<f64>,
+    pub(crate) lobe_width: Option<f64>,
+    pub(crate) lobe_weight: Option<f64>,
+    pub(crate) shoe_amplitude: Option<f64>,
+    pub(crate) shoe_width: Option<f64>,
+    pub(crate) cboe_amplitude: Option<f64>,
+    pub(crate) cboe_width: Option<f64>,
+    pub(crate) porosity: Option<f64>,
+}
+
+/// Name of a photometric law.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum LawName {
+    Lambert,
+    LommelSeeliger,
+    LunarLambert,
+    OrenNayar,
+    Hapke,
+}
+
+/// `phase_function`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PhaseFunctionTable {
+    pub(crate) kind: PhaseFunctionName,
+    pub(crate) scale_deg: Option<f64>,
+    pub(crate) asymmetry: Option<f64>,
+    pub(crate) coefficients: Option<[f64; 4]>,
+}
+
+/// Name of a phase function.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum PhaseFunctionName {
+    Constant,
+    Exponential,
+    HenyeyGreenstein,
+    Magnitudes,
+}
+
+/// `[render]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RenderTable {
+    #[serde(default)]
+    pub(crate) quality: QualityName,
+}
+
+/// Name of a quality.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum QualityName {
+    Draft,
+    #[default]
+    Default,
+    Best,
+}
+
+/// `[output]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct OutputTable {
+    #[serde(default)]
+    pub(crate) radiance_exr: bool,
+    #[serde(default)]
+    pub(crate) layers: Vec<Layer>,
+}
+
+/// A by-product that goes into the EXR.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Layer {
+    /// Depth along the boresight, m.
+    Depth,
+    /// Coverage, 0..1.
+    Mask,
+    /// Normal in the camera's frame, three channels.
+    Normal,
+    /// Incidence angle, deg.
+    Incidence,
+    /// Emission angle, deg.
+    Emission,
+    /// Phase angle, deg.
+    Phase,
+    /// 0 lit .. 1 dark.
+    Shadow,
+}
+
+impl Layer {
+    /// The EXR channels of the layer, as the renderer names its planes.
+    pub fn channels(self) -> &'static [&'static str] {
+        match self {
+            Self::Depth => &["depth"],
+            Self::Mask => &["mask"],
+            Self::Normal => &["normal.x", "normal.y", "normal.z"],
+            Self::Incidence => &["incidence_deg"],
+            Self::Emission => &["emission_deg"],
+            Self::Phase => &["phase_deg"],
+            Self::Shadow => &["shadow"],
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for TrajectoryKey {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Key;
+        impl<'de> Visitor<'de> for Key {
+            type Value = TrajectoryKey;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(
+                    "the path of a trajectory table, or { kind = \"lumio-halo\", frames = .., step_s = .. }",
+                )
+            }
+            fn visit_str<E>(self, path: &str) -> Result<Self::Value, E> {
+                Ok(TrajectoryKey::Path(path.into()))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
+                GeneratedTable::deserialize(MapAccessDeserializer::new(map)).map(TrajectoryKey::Generated)
+            }
+        }
+        deserializer.deserialize_any(Key)
+    }
+}
+
+impl<'de> Deserialize<'de> for ScaleKey {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Key;
+        impl Visitor<'_> for Key {
+            type Value = ScaleKey;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("\"auto\" or a number above 0 for `radiance_scale`")
+            }
+            fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<Self::Value, E> {
+                if text == "auto" {
+                    Ok(ScaleKey::Auto)
+                } else {
+                    Err(E::invalid_value(serde::de::Unexpected::Str(text), &self))
+                }
+            }
+            fn visit_f64<E: serde::de::Error>(self, value: f64) -> Result<Self::Value, E> {
+                if value.is_finite() && value > 0.0 {
+                    Ok(ScaleKey::Value(value))
+                } else {
+                    Err(E::invalid_value(serde::de::Unexpected::Float(value), &self))
+                }
+            }
+            fn visit_i64<E: serde::de::Error>(self, value: i64) -> Result<Self::Value, E> {
+                self.visit_f64(value as f64)
+            }
+        }
+        deserializer.deserialize_any(Key).map_err(D::Error::custom)
+    }
+}

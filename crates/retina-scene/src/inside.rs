@@ -1,0 +1,75 @@
+//! Whether a point is inside a closed mesh.
+
+use glam::DVec3;
+use retina_model::Body;
+
+/// Whether a ray from `point_m` away from the body's centre leaves the mesh more often than it
+/// enters it: then the point is nearer to the centre than the surface above it.
+pub(crate) fn is_inside(shape: &Body, point_m: DVec3) -> bool {
+    // Slightly off the radius, so that the ray of a camera on an axis misses the mesh's own edges.
+    let direction = (point_m.normalize_or(DVec3::Z) + DVec3::new(1.37e-5, -2.11e-5, 0.83e-5)).normalize();
+    let net: i64 = (0..shape.triangles.len()).map(|t| crossing(shape.corners_m(t), point_m, direction)).sum();
+    net > 0
+}
+
+/// +1 where the ray leaves through the triangle, -1 where it enters, 0 where it misses
+/// (Moeller and Trumbore 1997).
+fn crossing([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> i64 {
+    let (ab, ac) = (b - a, c - a);
+    let across = direction.cross(ac);
+    let determinant = ab.dot(across);
+    if determinant == 0.0 {
+        return 0;
+    }
+    let from_a = origin - a;
+    let u = from_a.dot(across) / determinant;
+    let along = from_a.cross(ab);
+    let v = direction.dot(along) / determinant;
+    if u < 0.0 || v < 0.0 || u + v > 1.0 || ac.dot(along) / determinant <= 0.0 {
+        return 0;
+    }
+    // The determinant is -direction . normal: negative where the ray goes out along the normal.
+    if determinant < 0.0 { 1 } else { -1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use retina_model::{Surface, Vertex};
+
+    /// An octahedron of radius 1 with outward triangles.
+    fn octahedron() -> Body {
+        let corners = [DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z];
+        let vertices = corners
+            .iter()
+            .map(|&position_m| Vertex { position_m, normal: position_m.as_vec3(), uv: glam::Vec2::ZERO })
+            .collect();
+        let triangles =
+            vec![[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]];
+        let surface = Surface {
+            name: String::new(),
+            flat: true,
+            albedo_map: None,
+            albedo_factor: 1.0,
+            slope_map: None,
+            double_sided: false,
+        };
+        Body { vertices, triangles, triangle_surface: vec![0; 8], surfaces: vec![surface], ..Body::default() }
+    }
+
+    #[test]
+    fn points_of_an_octahedron() {
+        let shape = octahedron();
+        for (point, inside) in [
+            (DVec3::new(0.3, 0.3, 0.3), true),
+            (DVec3::new(0.4, 0.4, 0.4), false),
+            (DVec3::new(0.0, 0.0, 0.99), true),
+            (DVec3::new(0.0, 0.0, 1.01), false),
+            (DVec3::new(-0.6, 0.0, 0.3), true),
+            (DVec3::new(-0.8, 0.0, -0.3), false),
+            (DVec3::ZERO, true),
+        ] {
+            assert_eq!(is_inside(&shape, point), inside, "{point}");
+        }
+    }
+}

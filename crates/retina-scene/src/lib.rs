@@ -1,0 +1,20 @@
+//! Scenes: from files to what a renderer is asked for.
+//!
+//! - [`Scene`]: `SCENE.toml` and everything it names, read and checked before anything is rendered.
+//! - [`SceneFrame`]: camera, bodies and Sun of one frame, as the renderer takes them.
+//! - [`Scene::truth`]: the ground truth of a frame, schema `retina.truth/1`.
+//! - [`Scene::brightest_frames`]: where the brightest pixel of the sequence is to be looked for.
+
+mod brightness;
+mod checks;
+mod file;
+mod frame;
+mod inside;
+mod photometry;
+mod scene;
+mod sequence;
+mod truth;
+
+pub use file::{Compensation, Layer};
+pub use frame::SceneFrame;
+pub use scene::{Output, RadianceScale, Scene, SceneBody, SceneInput};

@@ -1,0 +1,61 @@
+//! The ground truth of a frame, schema `retina.truth/1`.
+
+use glam::DQuat;
+use retina_geometry::{LimbEllipse, limb_ellipse};
+use retina_sky::time::format_epoch_tdb;
+use serde_json::{Map, Value, json};
+
+use crate::{Scene, SceneFrame};
+
+impl Scene {
+    /// The ground truth of a frame shown at `radiance_scale`, as the JSON document's value.
+    /// Numbers are printed so that reading them gives the same bits.
+    pub fn truth(&self, frame: &SceneFrame, radiance_scale: f64) -> Value {
+        let image = self.setup.facility_pinhole();
+        let mut bodies = Map::new();
+        for ((body, at), turn) in self.bodies.iter().zip(&frame.bodies).zip(&frame.camera_from_body) {
+            let limb =
+                limb_ellipse(&image, at.position_camera_m, at.camera_from_body, body.reference_semi_axes_m);
+            let entry = json!({
+                "position_camera_m": at.position_camera_m.to_array(),
+                "distance_m": at.position_camera_m.length(),
+                "camera_from_body": scalar_first(*turn),
+                "sun_direction_body": at.sun_position_body_m.normalize().to_array(),
+                "sun_distance_m": at.sun_position_body_m.length(),
+                "phase_deg": at.phase_rad().to_degrees(),
+                "center_px": image.project(at.position_camera_m).map(|p| p.to_array()),
+                "reference_radius_m": body.reference_radius_m(),
+                "reference_semi_axes_m": body.reference_semi_axes_m.to_array(),
+                "limb_ellipse_px": limb.map(ellipse),
+            });
+            bodies.insert(body.name.clone(), entry);
+        }
+        json!({
+            "schema": "retina.truth/1",
+            "frame": frame.index,
+            "time_s": frame.time_s,
+            "epoch_tdb": format_epoch_tdb(frame.time_s),
+            "camera_from_inertial": scalar_first(frame.camera_from_inertial),
+            "image_px": {
+                "fx": image.fx_px, "fy": image.fy_px, "cx": image.cx_px, "cy": image.cy_px,
+                "width": image.width_px, "height": image.height_px,
+            },
+            "compensation": self.compensation.name(),
+            "radiance_scale": radiance_scale,
+            "bodies": bodies,
+            "stars": [],
+        })
+    }
+}
+
+fn ellipse(limb: LimbEllipse) -> Value {
+    json!({
+        "center_px": limb.center_px.to_array(),
+        "semi_axes_px": limb.semi_axes_px,
+        "angle_deg": limb.angle_rad.to_degrees(),
+    })
+}
+
+fn scalar_first(q: DQuat) -> [f64; 4] {
+    [q.w, q.x, q.y, q.z]
+}
