@@ -1,7 +1,7 @@
 //! Stage 3: listed pixels are sampled by rays, a chunk of pixels at a time. First the triangles that
-//! a pixel's rays may meet are gathered: by one walk for a pixel on an edge; then each sample, an invocation of its own,
-//! looks among those; then a pixel's samples are summed in their order, so that the sum is the
-//! same whatever order they ran in.
+//! a pixel's rays may meet are gathered, by one walk for a pixel on an edge; then each invocation
+//! takes a run of 8 samples among those; then a pixel's runs are summed in their order, so that
+//! the sum is the same whatever order they ran in.
 
 struct Chunk {
     list: u32,
@@ -12,7 +12,8 @@ struct Chunk {
     samples_log2: u32,
 }
 
-@group(1) @binding(2) var<storage, read_write> samples: array<Sample>;
+/// Sums of runs of samples.
+@group(1) @binding(2) var<storage, read_write> runs: array<Sample>;
 @group(1) @binding(3) var<uniform> chunk: Chunk;
 
 /// For each pixel of the chunk the number of its triangles, then the triangles.
@@ -20,6 +21,8 @@ struct Chunk {
 
 @group(1) @binding(5) var visible: texture_2d<u32>;
 
+/// log2 of the samples that one invocation takes.
+const RUN_LOG2: u32 = 3u;
 /// Places a pixel has in `candidates`; with more triangles its rays walk the hierarchy themselves.
 const CANDIDATES: u32 = 64u;
 
@@ -146,29 +149,33 @@ fn pixel_turn(pixel: u32) -> f32 {
 fn take_samples(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     let invocation = id.y * groups.x * 64u + id.x;
     let n = 1u << chunk.samples_log2;
-    let slot = invocation >> chunk.samples_log2;
-    let k = invocation & (n - 1u);
+    let parts_log2 = chunk.samples_log2 - RUN_LOG2;
+    let slot = invocation >> parts_log2;
+    let part = invocation & ((1u << parts_log2) - 1u);
     if slot >= chunk.pixels || chunk.first + slot >= atomicLoad(&work.counts[chunk.list]) {
         return;
     }
     let pixel = listed_pixel(chunk.list, chunk.first + slot);
-    let position = pixel_position(pixel) + square_point(k, n);
     let count = candidates[slot * CANDIDATES];
-    var nearest = Hit(NONE, 0u, 3.0e38);
-    if count < CANDIDATES {
-        nearest = first_hit_among(position, slot * CANDIDATES, count);
+    var total = sky();
+    for (var k = part << RUN_LOG2; k < (part + 1u) << RUN_LOG2; k++) {
+        let position = pixel_position(pixel) + square_point(k, n);
+        var nearest = Hit(NONE, 0u, 3.0e38);
+        if count < CANDIDATES {
+            nearest = first_hit_among(position, slot * CANDIDATES, count);
+        }
+        // A small triangle that no sample saw, or too many of them.
+        if nearest.triangle == NONE && (count >= CANDIDATES || chunk.list == LIST_INNER) {
+            nearest = first_hit(position);
+        }
+        if nearest.triangle != NONE {
+            // One point of the Sun's disc a sample, from all over the disc for neighbouring samples.
+            let sunlight = Sunlight((k * 27u) & (n - 1u), n, n, pixel_turn(pixel), SUN_SAMPLED);
+            let ray = pixel_ray(nearest.body, position);
+            total = sum_of(total, shade(nearest.triangle, ray, inverseSqrt(f32(n)), sunlight));
+        }
     }
-    // A small triangle that no sample saw, or too many of them.
-    if nearest.triangle == NONE && (count >= CANDIDATES || chunk.list == LIST_INNER) {
-        nearest = first_hit(position);
-    }
-    var sample = sky();
-    if nearest.triangle != NONE {
-        // One point of the Sun's disc a sample, from all over the disc for neighbouring samples.
-        let sunlight = Sunlight((k * 27u) & (n - 1u), n, n, pixel_turn(pixel), SUN_SAMPLED);
-        sample = shade(nearest.triangle, pixel_ray(nearest.body, position), inverseSqrt(f32(n)), sunlight);
-    }
-    samples[invocation] = sample;
+    runs[invocation] = total;
     note_cut_short();
 }
 
@@ -178,10 +185,10 @@ fn sum_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     if slot >= chunk.pixels || chunk.first + slot >= atomicLoad(&work.counts[chunk.list]) {
         return;
     }
-    let n = 1u << chunk.samples_log2;
+    let parts_log2 = chunk.samples_log2 - RUN_LOG2;
     var total = sky();
-    for (var k = 0u; k < n; k++) {
-        total = sum_of(total, samples[(slot << chunk.samples_log2) + k]);
+    for (var k = 0u; k < 1u << parts_log2; k++) {
+        total = sum_of(total, runs[(slot << parts_log2) + k]);
     }
-    store_pixel(listed_pixel(chunk.list, chunk.first + slot), total, f32(n));
+    store_pixel(listed_pixel(chunk.list, chunk.first + slot), total, f32(1u << chunk.samples_log2));
 }

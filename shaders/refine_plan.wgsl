@@ -9,6 +9,8 @@ struct Plan {
     /// Chunks of edge pixels at most; those of inner pixels follow.
     edge_chunks: u32,
     inner_chunks: u32,
+    /// log2 of the samples that one invocation takes.
+    run_log2: u32,
 }
 
 /// (x, y, z) for the probes; then, a chunk each, (x, y, z) for the samples and for the sums.
@@ -38,7 +40,8 @@ fn plan_chunks(@builtin(global_invocation_id) id: vec3<u32>) {
     let most = select(plan.edge_pixels, plan.inner_pixels, inner);
     let first = select(chunk, chunk - plan.edge_chunks, inner) * most;
     let pixels = min(listed - min(first, listed), most);
-    let groups = ((pixels << select(plan.edge_samples_log2, plan.inner_samples_log2, inner)) + 63u) / 64u;
+    let samples_log2 = select(plan.edge_samples_log2, plan.inner_samples_log2, inner);
+    let groups = ((pixels << (samples_log2 - plan.run_log2)) + 63u) / 64u;
     set_dispatch(3u + 6u * chunk, min(groups, ROW), (groups + ROW - 1u) / ROW);
     set_dispatch(6u + 6u * chunk, (pixels + 63u) / 64u, 1u);
 }

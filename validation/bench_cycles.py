@@ -484,14 +484,16 @@ def print_table(variant, report):
     print(f"  {'':34}{'s/frame':>9}{'CPU s':>9}{'1st after':>10}{'frames':>8}{'peak MB':>9}{'load':>12}")
     for name, t in report["timings"].items():
         load = f"{t['load'][0]:.1f}-{t['load'][1]:.1f}"
-        print(f"  {name:34}{t['frame_s']:9.3f}{t['cpu_s']:9.3f}{t['first_frame_s']:10.2f}{t['frames']:8}{t['peak_mb']:9.0f}{load:>12}")
+        times = f"{t['frame_s']:9.3f}{t['cpu_s']:9.3f}{t['first_frame_s']:10.2f}"
+        print(f"  {name:34}{times}{t['frames']:8}{t['peak_mb']:9.0f}{load:>12}")
     for name, ratio in report["speed_ratios"].items():
         print(f"  {name}: {ratio:.1f} times")
     first = next(iter(report["errors"].values()))
     mean = first["mean_reference"]
     print(
         f"\nError in I/F against Cycles at 2 x {report['reference_samples']} samples,"
-        f" % of the crops' mean I/F {mean:.4f}; {first['pixels']} pixels, {first['pixels_limb']} within 1 px of the limb"
+        f" % of the crops' mean I/F {mean:.4f}; {first['pixels']} pixels,"
+        f" {first['pixels_limb']} within 1 px of the limb"
     )
     print(
         f"  {'':20}{'gain':>9}{'all':>8}{'inside':>8}{'limb':>8}{'p50':>8}{'p95':>8}{'p99':>8}{'max':>8}"

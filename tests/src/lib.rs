@@ -48,14 +48,25 @@ pub fn sphere(radius_m: f64, cells: u32) -> Body {
 /// A square pinhole image with the principal point in its middle.
 pub fn square_image(side_px: u32, focal_px: f64) -> Pinhole {
     let middle = f64::from(side_px) / 2.0;
-    Pinhole { fx_px: focal_px, fy_px: focal_px, cx_px: middle, cy_px: middle, width_px: side_px, height_px: side_px }
+    Pinhole {
+        fx_px: focal_px,
+        fy_px: focal_px,
+        cx_px: middle,
+        cy_px: middle,
+        width_px: side_px,
+        height_px: side_px,
+    }
 }
 
 /// A body in front of the camera, turned by `turn`, lit from the direction `sun_camera`.
 pub fn placed(position_camera_m: DVec3, turn: DQuat, sun_camera: DVec3, sun_distance_m: f64) -> BodyState {
     let camera_from_body = DMat3::from_quat(turn);
     let sun_m = sun_camera.normalize() * sun_distance_m - position_camera_m;
-    BodyState { position_camera_m, camera_from_body, sun_position_body_m: camera_from_body.transpose() * sun_m }
+    BodyState {
+        position_camera_m,
+        camera_from_body,
+        sun_position_body_m: camera_from_body.transpose() * sun_m,
+    }
 }
 
 /// How far an image is from its reference, in the reference's mean radiance over the body.
@@ -95,7 +106,10 @@ pub fn compare(reference: &RadianceImage, image: &RadianceImage) -> Comparison {
     let is_edge = |i: usize| {
         let (x, y) = (i % width, i / width);
         let partial = |v: f32| v > 1e-4 && v < 0.9999;
-        let bent = x > 0 && y > 0 && x + 1 < width && y + 1 < height
+        let bent = x > 0
+            && y > 0
+            && x + 1 < width
+            && y + 1 < height
             && (bend(i - 1, i, i + 1) > 0.05 * span || bend(i - width, i, i + width) > 0.05 * span);
         partial(mask[i]) || partial(shadow[i]) || bent
     };
@@ -118,9 +132,11 @@ pub fn compare(reference: &RadianceImage, image: &RadianceImage) -> Comparison {
     let interior: Vec<usize> = body.iter().copied().filter(|&i| !near_edge(i)).collect();
     let sum = |image: &[f32]| image.iter().map(|&v| f64::from(v)).sum::<f64>();
     Comparison {
-        interior_rms: (interior.iter().map(|&i| difference(i).powi(2)).sum::<f64>() / interior.len() as f64).sqrt(),
+        interior_rms: (interior.iter().map(|&i| difference(i).powi(2)).sum::<f64>() / interior.len() as f64)
+            .sqrt(),
         interior_worst: interior.iter().map(|&i| difference(i)).fold(0.0, f64::max),
-        outlier_fraction: (0..width * height).filter(|&i| difference(i) > 0.02).count() as f64 / body.len() as f64,
+        outlier_fraction: (0..width * height).filter(|&i| difference(i) > 0.02).count() as f64
+            / body.len() as f64,
         flux_ratio: sum(b) / sum(a),
         interior_pixels: interior.len(),
     }

@@ -40,11 +40,13 @@ fn seen_through(facility: &Distortion, image: &Pinhole, screen: &[f32]) -> Vec<f
             0.0
         }
     };
-    let at = |x: i64, y: i64| f64::from(screen[(y.clamp(0, height - 1) * width + x.clamp(0, width - 1)) as usize]);
+    let at =
+        |x: i64, y: i64| f64::from(screen[(y.clamp(0, height - 1) * width + x.clamp(0, width - 1)) as usize]);
     (0..width * height)
         .map(|i| {
             let u = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-            let place = image.pixel(facility.undistort(image.line_of_sight(u)).expect("D is one-to-one here")) - 0.5;
+            let place =
+                image.pixel(facility.undistort(image.line_of_sight(u)).expect("D is one-to-one here")) - 0.5;
             let whole = place.floor();
             let part = place - whole;
             let mut sum = 0.0;
@@ -66,7 +68,8 @@ fn moments(image: &Pinhole, radiance: &[f32]) -> (f64, f64, DVec2) {
     let position = |i: usize| DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
     let flux: f64 = radiance.iter().map(|&v| f64::from(v)).sum();
     let centroid = (0..radiance.len()).map(|i| position(i) * f64::from(radiance[i])).sum::<DVec2>() / flux;
-    let second = (0..radiance.len()).map(|i| (position(i) - centroid).length_squared() * f64::from(radiance[i]));
+    let second =
+        (0..radiance.len()).map(|i| (position(i) - centroid).length_squared() * f64::from(radiance[i]));
     (flux, (2.0 * second.sum::<f64>() / flux).sqrt(), centroid)
 }
 
@@ -80,7 +83,7 @@ fn the_distortion_is_undone_to_the_sub_pixel() {
     let models = vec![BodyModel { name: "disc".into(), shape: sphere(3.0e5, 96), photometry }];
     let Some(gpu) = adapter() else { return };
     let mut renderer = GpuRenderer::new(gpu, models, Quality::Best, Planes::Radiance).expect("the body fits");
-    let mut render = |renderer: &mut GpuRenderer, state: &FrameState| {
+    let render = |renderer: &mut GpuRenderer, state: &FrameState| {
         renderer.start(state).expect("the frame starts");
         renderer.finish().expect("the frame ends").expect("one frame was started")
     };
@@ -105,9 +108,14 @@ fn the_distortion_is_undone_to_the_sub_pixel() {
     let resampled = render(&mut renderer, &FrameState { image: canvas, ..straight });
 
     for (name, screen) in [("direct", direct.radiance()), ("resample", resampled.radiance())] {
-        let (seen_flux, seen_radius, seen_centroid) = moments(&image, &seen_through(&distortion(), &image, screen));
+        let (seen_flux, seen_radius, seen_centroid) =
+            moments(&image, &seen_through(&distortion(), &image, screen));
         let shift = (seen_centroid - centroid).length();
-        println!("{name}: flux {:+.2e}, radius {:+.5} px, centroid {shift:.5} px", seen_flux / flux - 1.0, seen_radius - radius);
+        println!(
+            "{name}: flux {:+.2e}, radius {:+.5} px, centroid {shift:.5} px",
+            seen_flux / flux - 1.0,
+            seen_radius - radius
+        );
         assert!((seen_flux / flux - 1.0).abs() < 1e-3, "{name}");
         assert!((seen_radius - radius).abs() < 0.01 && shift < 0.01, "{name}");
     }

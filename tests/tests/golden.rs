@@ -26,10 +26,15 @@ fn model(name: &str, shape: retina_model::Body, photometry: Photometry) -> BodyM
 }
 
 /// (reference, GPU image), or `None` without an adapter.
-fn both(models: Vec<BodyModel>, state: &FrameState, sampling: CpuSampling) -> Option<(RadianceImage, RadianceImage)> {
+fn both(
+    models: Vec<BodyModel>,
+    state: &FrameState,
+    sampling: CpuSampling,
+) -> Option<(RadianceImage, RadianceImage)> {
     let gpu = adapter()?;
     let quality = Quality::Best;
-    let mut renderer = GpuRenderer::new(gpu, models.clone(), quality, Planes::Layers).expect("the bodies fit");
+    let mut renderer =
+        GpuRenderer::new(gpu, models.clone(), quality, Planes::Layers).expect("the bodies fit");
     renderer.start(state).expect("the frame starts");
     let image = renderer.finish().expect("the frame ends").expect("one frame was started");
     Some((CpuRenderer::new(models, sampling, Planes::Layers).render(state), image))
@@ -47,7 +52,9 @@ fn moon_close_up() -> FrameState {
 #[test]
 fn moon_with_relief_texture_and_shadows() {
     let state = moon_close_up();
-    let Some((reference, image)) = both(vec![model("moon", moon(), lunar())], &state, REFERENCE) else { return };
+    let Some((reference, image)) = both(vec![model("moon", moon(), lunar())], &state, REFERENCE) else {
+        return;
+    };
     let found = compare(&reference, &image);
     println!("{found:?}");
     assert!(found.interior_pixels > 10_000 && found.is_within_tolerance(OUTLIERS), "{found:?}");
@@ -102,7 +109,9 @@ fn one_bodys_penumbra_on_another() {
     // 64 points of the disc: a straight edge across it is off by 0.02 of the light or so.
     let full = reference.radiance().iter().copied().fold(0.0, f32::max);
     let errors: Vec<f32> = (0..reference.pixels())
-        .filter(|&i| reference.plane(2)[i] == 1.0 && reference.plane(10)[i] > 0.0 && reference.plane(10)[i] < 1.0)
+        .filter(|&i| {
+            reference.plane(2)[i] == 1.0 && reference.plane(10)[i] > 0.0 && reference.plane(10)[i] < 1.0
+        })
         .map(|i| (reference.radiance()[i] - image.radiance()[i]) / full)
         .collect();
     let rms = (errors.iter().map(|e| e * e).sum::<f32>() / errors.len() as f32).sqrt();
@@ -124,7 +133,11 @@ fn every_law_in_the_shader_is_the_librarys() {
     let laws = [
         ("lambert", Law::Lambert, PhaseFunction::Constant),
         ("lommel-seeliger", Law::LommelSeeliger, PhaseFunction::Exponential { scale_rad: 0.8 }),
-        ("lunar-lambert", Law::LunarLambert { decay_rad: 1.0 }, PhaseFunction::HenyeyGreenstein { asymmetry: 0.3 }),
+        (
+            "lunar-lambert",
+            Law::LunarLambert { decay_rad: 1.0 },
+            PhaseFunction::HenyeyGreenstein { asymmetry: 0.3 },
+        ),
         (
             "oren-nayar",
             Law::OrenNayar { roughness_rad: 0.4 },
@@ -143,7 +156,10 @@ fn every_law_in_the_shader_is_the_librarys() {
             let Some((reference, image)) = both(models, &state, sampling) else { return };
             let found: Comparison = compare(&reference, &image);
             let limit = if name == "hapke" { 5e-3 } else { 2e-3 };
-            assert!(found.interior_rms < limit && found.interior_worst < 0.02, "{name} at {phase_deg} deg: {found:?}");
+            assert!(
+                found.interior_rms < limit && found.interior_worst < 0.02,
+                "{name} at {phase_deg} deg: {found:?}"
+            );
         }
     }
 }
@@ -165,7 +181,8 @@ fn rendering_through_the_distortion() {
     ]);
     let sun = DVec3::new(0.5, -0.3, -0.8);
     let body = placed(DVec3::new(4.0e5, -3.0e5, 1.0e7), DQuat::IDENTITY, sun, AU_M);
-    let state = FrameState { image: square_image(128, 700.0), distortion: Some(distortion), bodies: vec![body] };
+    let state =
+        FrameState { image: square_image(128, 700.0), distortion: Some(distortion), bodies: vec![body] };
     let models = vec![model("sphere", sphere(7.0e5, 64), lunar())];
     let sampling = CpuSampling { grid: 4, refined_grid: 16, sun_points: 1, contrast: 0.1 };
     let Some((reference, image)) = both(models.clone(), &state, sampling) else { return };
@@ -173,7 +190,9 @@ fn rendering_through_the_distortion() {
     assert!(found.interior_rms < 1e-3 && found.interior_worst < 0.02, "{found:?}");
     assert!((found.flux_ratio - 1.0).abs() < 2e-4, "{found:?}");
     // The twin without the distortion differs.
-    let Some((_, straight)) = both(models, &FrameState { distortion: None, ..state }, sampling) else { return };
+    let Some((_, straight)) = both(models, &FrameState { distortion: None, ..state }, sampling) else {
+        return;
+    };
     assert!(compare(&reference, &straight).interior_rms > 1e-2);
 }
 
@@ -181,7 +200,8 @@ fn rendering_through_the_distortion() {
 fn the_same_bytes_again() {
     let Some(gpu) = adapter() else { return };
     let (models, state) = eclipse(AU_M);
-    let mut renderer = GpuRenderer::new(gpu, models, Quality::Default, Planes::RadianceFactor).expect("the bodies fit");
+    let mut renderer =
+        GpuRenderer::new(gpu, models, Quality::Default, Planes::RadianceFactor).expect("the bodies fit");
     let mut render = || {
         renderer.start(&state).expect("the frame starts");
         renderer.finish().expect("the frame ends").expect("one frame was started")

@@ -61,7 +61,7 @@ impl Quality {
     /// log2 of the samples of a pixel on an edge of visibility.
     pub fn edge_samples_log2(self) -> u32 {
         match self {
-            Self::Draft => 4,
+            Self::Draft => 5,
             Self::Default => 6,
             Self::Best => 8,
         }

@@ -85,7 +85,8 @@ impl CpuRenderer {
             .into_par_iter()
             .map(|model| {
                 let shape = &model.shape;
-                let corners: Vec<_> = (0..shape.triangles.len()).map(|triangle| shape.corners_m(triangle)).collect();
+                let corners: Vec<_> =
+                    (0..shape.triangles.len()).map(|triangle| shape.corners_m(triangle)).collect();
                 let two_sided = |triangle: usize| {
                     shape.surfaces[usize::from(shape.triangle_surface[triangle])].double_sided
                 };
@@ -118,7 +119,8 @@ impl CpuRenderer {
                     camera_in_body_m: -(body_from_camera * at.position_camera_m),
                     sun_in_body_m: at.sun_position_body_m,
                     irradiance_w_m2_nm: sun_irradiance_w_m2_nm(distance_m),
-                    contrast: self.sampling.contrast * contrast_reference(&body.model.photometry, at.phase_rad()),
+                    contrast: self.sampling.contrast
+                        * contrast_reference(&body.model.photometry, at.phase_rad()),
                 }
             })
             .collect();
@@ -165,7 +167,8 @@ impl CpuRenderer {
         let sample = |grid: u32| -> Vec<Seen> {
             (0..grid * grid)
                 .map(|k| {
-                    let offset = (DVec2::new(f64::from(k % grid), f64::from(k / grid)) + 0.5) / f64::from(grid);
+                    let offset =
+                        (DVec2::new(f64::from(k % grid), f64::from(k / grid)) + 0.5) / f64::from(grid);
                     self.see(state, placed, sight(offset), grid, k)
                 })
                 .collect()
@@ -213,7 +216,8 @@ impl CpuRenderer {
         let sample_m = meeting.distance / state.image.fx_px / f64::from(grid);
         let slant = geometric.dot(to_observer).abs().max(0.02);
         let uv_per_m2 = uv_ab.perp_dot(uv_ac).abs() / area_vector.length();
-        let footprint_uv2 = (sample_m * direction_camera.length()).powi(2) / slant * uv_per_m2 / direction_camera.length();
+        let footprint_uv2 =
+            (sample_m * direction_camera.length()).powi(2) / slant * uv_per_m2 / direction_camera.length();
         if let Some(map) = surface.albedo_map {
             map_factor *= at.body.albedo[map].value(uv, footprint_uv2);
         }
@@ -247,7 +251,10 @@ impl CpuRenderer {
             let offset = ring.sqrt() * radius;
             let towards = (sun + u * (offset * angle.cos()) + v * (offset * angle.sin())).normalize();
             let mu0 = normal.dot(towards);
-            if mu0 > 0.0 && geometric.dot(towards) > 0.0 && !in_shadow(placed, index_of(placed, at), origin, towards) {
+            if mu0 > 0.0
+                && geometric.dot(towards) > 0.0
+                && !in_shadow(placed, index_of(placed, at), origin, towards)
+            {
                 sum += at.body.model.photometry.radiance_factor(Geometry { mu0, mu, phase_rad });
                 lit += 1.0;
             }

@@ -110,7 +110,14 @@ impl Tree {
     }
 }
 
-fn grow(nodes: &mut Vec<Node>, ids: &mut [u32], first: usize, end: usize, corners: &[[DVec3; 3]], middles: &[DVec3]) {
+fn grow(
+    nodes: &mut Vec<Node>,
+    ids: &mut [u32],
+    first: usize,
+    end: usize,
+    corners: &[[DVec3; 3]],
+    middles: &[DVec3],
+) {
     let own = &ids[first..end];
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for &id in own {
@@ -125,9 +132,17 @@ fn grow(nodes: &mut Vec<Node>, ids: &mut [u32], first: usize, end: usize, corner
         return;
     }
     let size = high - low;
-    let axis = if size.x >= size.y && size.x >= size.z { 0 } else if size.y >= size.z { 1 } else { 2 };
+    let axis = if size.x >= size.y && size.x >= size.z {
+        0
+    } else if size.y >= size.z {
+        1
+    } else {
+        2
+    };
     let middle = own.len() / 2;
-    ids[first..end].select_nth_unstable_by(middle, |&a, &b| middles[a as usize][axis].total_cmp(&middles[b as usize][axis]));
+    ids[first..end].select_nth_unstable_by(middle, |&a, &b| {
+        middles[a as usize][axis].total_cmp(&middles[b as usize][axis])
+    });
     grow(nodes, ids, first, first + middle, corners, middles);
     let right = nodes.len();
     grow(nodes, ids, first + middle, end, corners, middles);
@@ -137,7 +152,10 @@ fn grow(nodes: &mut Vec<Node>, ids: &mut [u32], first: usize, end: usize, corner
 fn crosses(node: &Node, origin: DVec3, inverse: DVec3, from: f64, to: f64) -> bool {
     let (mut enter, mut leave) = (from, to);
     for axis in 0..3 {
-        let (a, b) = ((node.low[axis] - origin[axis]) * inverse[axis], (node.high[axis] - origin[axis]) * inverse[axis]);
+        let (a, b) = (
+            (node.low[axis] - origin[axis]) * inverse[axis],
+            (node.high[axis] - origin[axis]) * inverse[axis],
+        );
         // A ray within a face gives NaN, which min and max pass over.
         enter = enter.max(a.min(b));
         leave = leave.min(a.max(b));

@@ -47,7 +47,11 @@ impl Hierarchy {
                     let up = (((node.high[k] - low[k]) / step[k]).ceil() + 1.0).clamp(0.0, 65_535.0);
                     words[k] = down as u32 | (up as u32) << 16;
                 }
-                words[3] = if node.count > 0 { 1 << 31 | node.count << 28 | node.first } else { first_node + node.escape };
+                words[3] = if node.count > 0 {
+                    1 << 31 | node.count << 28 | node.first
+                } else {
+                    first_node + node.escape
+                };
                 words
             })
             .collect();
@@ -115,7 +119,10 @@ pub(crate) fn build(positions: &[[f32; 3]], triangles: &[[u32; 3]], first_triang
             Item { bounds, centre, triangle: index as u32 }
         })
         .collect();
-    let mut out = Hierarchy { nodes: Vec::with_capacity(triangles.len() / 2), order: Vec::with_capacity(triangles.len()) };
+    let mut out = Hierarchy {
+        nodes: Vec::with_capacity(triangles.len() / 2),
+        order: Vec::with_capacity(triangles.len()),
+    };
     if !items.is_empty() {
         flatten(&split(&mut items), first_triangle, &mut out);
     }
@@ -152,8 +159,9 @@ fn partition(items: &mut [Item], centres: &Bounds) -> usize {
     if extent <= 0.0 {
         return half;
     }
-    let bin_of =
-        |item: &Item| (((item.centre[axis] - centres.low[axis]) / extent * BINS as f32) as usize).min(BINS - 1);
+    let bin_of = |item: &Item| {
+        (((item.centre[axis] - centres.low[axis]) / extent * BINS as f32) as usize).min(BINS - 1)
+    };
     let mut bins = [(Bounds::EMPTY, 0usize); BINS];
     for item in items.iter() {
         let bin = &mut bins[bin_of(item)];

@@ -8,6 +8,7 @@ pub struct GpuDevice {
     pub(crate) queue: wgpu::Queue,
     name: String,
     driver: String,
+    is_software: bool,
 }
 
 /// Storage buffers that the largest stage binds.
@@ -24,6 +25,9 @@ impl GpuDevice {
     pub fn open() -> Result<Self, RenderError> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
             backends: wgpu::Backends::PRIMARY,
+            // The arguments of indirect dispatches are bounded in shaders/refine_plan.wgsl; wgpu's own
+            // check of each one took most of a small frame's time on lavapipe, and its memory.
+            flags: wgpu::InstanceFlags::empty(),
             ..wgpu::InstanceDescriptor::new_without_display_handle()
         });
         let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
@@ -48,7 +52,8 @@ impl GpuDevice {
         }))
         .map_err(|error| RenderError::NoAdapter(format!("{}: {error}", info.name)))?;
         let driver = format!("{} {}", info.driver, info.driver_info);
-        Ok(Self { device, queue, name: info.name, driver })
+        let is_software = info.device_type == wgpu::DeviceType::Cpu;
+        Ok(Self { device, queue, name: info.name, driver, is_software })
     }
 
     /// Name of the adapter.
@@ -59,6 +64,11 @@ impl GpuDevice {
     /// Name and version of the driver.
     pub fn driver(&self) -> &str {
         &self.driver
+    }
+
+    /// Whether the adapter is a program on the CPU, as Mesa's llvmpipe is.
+    pub(crate) fn is_software(&self) -> bool {
+        self.is_software
     }
 
     /// A buffer with this content; refused when it is larger than the adapter binds.
@@ -101,7 +111,11 @@ impl GpuDevice {
             usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
             view_formats: &[],
         });
-        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row_bytes as u32), rows_per_image: None };
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(row_bytes as u32),
+            rows_per_image: None,
+        };
         self.queue.write_texture(texture.as_image_copy(), &bytes, layout, size);
         Ok(texture.create_view(&Default::default()))
     }
@@ -114,7 +128,7 @@ impl GpuDevice {
     ) -> Result<wgpu::Buffer, RenderError> {
         let limits = self.device.limits();
         let allowed = if usage.contains(wgpu::BufferUsages::STORAGE) {
-            u64::from(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size)
+            limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
         } else {
             limits.max_buffer_size
         };

@@ -28,7 +28,8 @@ pub(crate) fn horizons(
     first_triangle: u32,
 ) -> Vec<f32> {
     let corner = |index: u32| Vec3A::from_array(vertices[index as usize].position);
-    let body = BodyView { corners: &|t: &[u32; 4]| [corner(t[0]), corner(t[1]), corner(t[2])], triangles, nodes };
+    let body =
+        BodyView { corners: &|t: &[u32; 4]| [corner(t[0]), corner(t[1]), corner(t[2])], triangles, nodes };
     triangles
         .par_chunks(PATCH)
         .map(|patch| {
@@ -108,7 +109,15 @@ impl BodyView<'_> {
         (up, sine)
     }
 
-    fn triangle_bound(&self, triangle: &[u32; 4], centre: Vec3A, up: Vec3A, radius: f32, lowest: f32, near: f32) -> f32 {
+    fn triangle_bound(
+        &self,
+        triangle: &[u32; 4],
+        centre: Vec3A,
+        up: Vec3A,
+        radius: f32,
+        lowest: f32,
+        near: f32,
+    ) -> f32 {
         let corners = (self.corners)(triangle);
         let (mut low, mut high) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
         let mut height = f32::NEG_INFINITY;

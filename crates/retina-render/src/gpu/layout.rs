@@ -115,6 +115,7 @@ pub(crate) struct Plan {
     pub inner_samples_log2: u32,
     pub edge_chunks: u32,
     pub inner_chunks: u32,
+    pub run_log2: u32,
 }
 
 #[cfg(test)]
@@ -146,22 +147,70 @@ mod tests {
     #[test]
     fn every_shared_struct_has_nagas_layout() {
         let module = naga::front::wgsl::parse_str(&crate::gpu::shaders::refine()).unwrap();
-        check!(&module, Frame {
-            intrinsics_px, size_px, region_origin_px, region_size_px, grid, body_count,
-            distortion_degree, near_m, padding, distortion,
-        });
-        check!(&module, Body {
-            camera_from_body_x, reference_depth_m, camera_from_body_y, sun_angular_radius, camera_from_body_z,
-            sun_irradiance_over_pi, center_camera_m, inverse_sun_distance, center_from_first_m, ray_offset_m,
-            sun_direction, contrast, sun_across, node_first, box_low_m, node_end, box_step_m, triangle_end, center_px_whole,
-            center_px_part, center_line_of_sight, triangle_first, shadow_casters, law, phase_law, factor,
-            bounding_radius_m, law_a, law_b, phase_coefficients,
-        });
+        check!(
+            &module,
+            Frame {
+                intrinsics_px,
+                size_px,
+                region_origin_px,
+                region_size_px,
+                grid,
+                body_count,
+                distortion_degree,
+                near_m,
+                padding,
+                distortion,
+            }
+        );
+        check!(
+            &module,
+            Body {
+                camera_from_body_x,
+                reference_depth_m,
+                camera_from_body_y,
+                sun_angular_radius,
+                camera_from_body_z,
+                sun_irradiance_over_pi,
+                center_camera_m,
+                inverse_sun_distance,
+                center_from_first_m,
+                ray_offset_m,
+                sun_direction,
+                contrast,
+                sun_across,
+                node_first,
+                box_low_m,
+                node_end,
+                box_step_m,
+                triangle_end,
+                center_px_whole,
+                center_px_part,
+                center_line_of_sight,
+                triangle_first,
+                shadow_casters,
+                law,
+                phase_law,
+                factor,
+                bounding_radius_m,
+                law_a,
+                law_b,
+                phase_coefficients,
+            }
+        );
         check!(&module, Chunk { list, first, pixels, samples_log2 });
         let module = naga::front::wgsl::parse_str(&crate::gpu::shaders::refine_plan()).unwrap();
-        check!(&module, Plan {
-            edge_pixels, edge_samples_log2, inner_pixels, inner_samples_log2, edge_chunks, inner_chunks,
-        });
+        check!(
+            &module,
+            Plan {
+                edge_pixels,
+                edge_samples_log2,
+                inner_pixels,
+                inner_samples_log2,
+                edge_chunks,
+                inner_chunks,
+                run_log2,
+            }
+        );
         let module = naga::front::wgsl::parse_str(&crate::gpu::shaders::warp()).unwrap();
         check!(&module, Warp { source_origin_px, source_size_px });
     }

@@ -27,14 +27,21 @@ use crate::{BodyModel, FrameState, Planes, Quality, RadianceImage, RenderError};
 use layout::{Body, Chunk, Frame, MOST_BODIES, Plan};
 use pipelines::{DEPTH_FORMAT, Pipelines, VISIBILITY_FORMAT};
 use state::{GRID, Region};
-use upload::{BodyRange, SceneArrays};
+use upload::SceneArrays;
 
-/// Most bytes that the refinement's samples take at a time.
+/// Most bytes that the refinement's runs of samples take at a time.
 const SAMPLE_BYTES: u64 = 48 << 20;
 /// Size of `Sample` in shaders/shared/surface.wgsl.
 const SAMPLE_SIZE: u64 = 64;
+/// `RUN_LOG2` in shaders/refine.wgsl.
+const RUN_LOG2: u32 = 3;
+/// Frames after which a software device is opened anew: Mesa 22.3's lavapipe keeps up to
+/// 8 MB of each frame until its device is destroyed.
+const SOFTWARE_FRAMES: u32 = 48;
 /// `CANDIDATES` in shaders/refine.wgsl.
 const CANDIDATES: u64 = 64;
+/// Most pixels in a chunk: their candidates take 64 MiB.
+const CHUNK_PIXELS: u64 = 1 << 18;
 /// Size of the arguments of an indirect dispatch.
 const DISPATCH_BYTES: u64 = 12;
 /// The lists of shaders/shared/output.wgsl, and how many there are.
@@ -52,14 +59,17 @@ pub const FRAMES_IN_FLIGHT: usize = 2;
 pub struct GpuRenderer {
     gpu: GpuDevice,
     models: Vec<BodyModel>,
-    ranges: Vec<BodyRange>,
     quality: Quality,
     planes: Planes,
+    arrays: SceneArrays,
     pipelines: Pipelines,
     scene: SceneBuffers,
     targets: Option<Targets>,
     warp: Option<GpuWarp>,
     pending: VecDeque<Pending>,
+    /// Finished when the device was opened anew, and not yet asked for.
+    finished: VecDeque<RadianceImage>,
+    frames_on_device: u32,
     free_staging: Vec<wgpu::Buffer>,
 }
 
@@ -98,7 +108,12 @@ impl GpuRenderer {
     ///
     /// # Errors
     /// The bodies do not fit the adapter.
-    pub fn new(gpu: GpuDevice, models: Vec<BodyModel>, quality: Quality, planes: Planes) -> Result<Self, RenderError> {
+    pub fn new(
+        gpu: GpuDevice,
+        models: Vec<BodyModel>,
+        quality: Quality,
+        planes: Planes,
+    ) -> Result<Self, RenderError> {
         if models.len() > MOST_BODIES {
             return Err(RenderError::TooManyBodies(models.len()));
         }
@@ -110,7 +125,7 @@ impl GpuRenderer {
         Ok(Self {
             gpu,
             models,
-            ranges: arrays.ranges,
+            arrays,
             quality,
             planes,
             pipelines,
@@ -118,6 +133,8 @@ impl GpuRenderer {
             targets: None,
             warp: None,
             pending: VecDeque::new(),
+            finished: VecDeque::new(),
+            frames_on_device: 0,
             free_staging: Vec::new(),
         })
     }
@@ -131,6 +148,7 @@ impl GpuRenderer {
     /// the warp's size and holds radiance alone.
     pub fn set_warp(&mut self, warp: Option<GpuWarp>) {
         self.warp = warp;
+        self.free_staging.clear();
     }
 
     /// Starts a frame; [`GpuRenderer::finish`] gives frames back in the order they were started.
@@ -138,6 +156,10 @@ impl GpuRenderer {
     /// # Errors
     /// The image is too large for the adapter.
     pub fn start(&mut self, state: &FrameState) -> Result<(), RenderError> {
+        if self.gpu.is_software() && self.frames_on_device >= SOFTWARE_FRAMES {
+            self.reopen()?;
+        }
+        self.frames_on_device += 1;
         let size = [state.image.width_px, state.image.height_px];
         if self.targets.as_ref().is_none_or(|targets| targets.size != size) {
             self.targets = Some(Targets::new(&self.gpu, &self.pipelines, size, self.quality, self.planes)?);
@@ -161,9 +183,9 @@ impl GpuRenderer {
         encoder.clear_buffer(&targets.planes, 0, None);
         encoder.clear_buffer(&targets.work, 0, Some(WORK_HEAD));
         encoder.clear_buffer(&targets.light, 0, None);
-        if let Some(region) = state::region(state, &self.ranges) {
-            let frame = state::frame_uniform(state, region, &self.ranges);
-            let bodies = state::body_uniforms(state, &self.models, &self.ranges, self.quality);
+        if let Some(region) = state::region(state, &self.arrays.ranges) {
+            let frame = state::frame_uniform(state, region, &self.arrays.ranges);
+            let bodies = state::body_uniforms(state, &self.models, &self.arrays.ranges, self.quality);
             self.gpu.queue.write_buffer(&self.scene.frame, 0, bytemuck::bytes_of(&frame));
             self.gpu.queue.write_buffer(&self.scene.bodies, 0, bytemuck::cast_slice(&bodies));
             self.encode_visibility(&mut encoder, targets, region);
@@ -183,9 +205,24 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Number of frames started and not yet finished.
+    /// Number of frames started and not yet given back.
     pub fn in_flight(&self) -> usize {
-        self.pending.len()
+        self.pending.len() + self.finished.len()
+    }
+
+    /// Moves to a fresh device, which frees what the driver kept with the old one.
+    fn reopen(&mut self) -> Result<(), RenderError> {
+        while let Some(image) = self.finish_oldest()? {
+            self.finished.push_back(image);
+        }
+        self.gpu = GpuDevice::open()?;
+        self.pipelines = Pipelines::new(&self.gpu.device, self.planes == Planes::Layers);
+        self.scene = SceneBuffers::new(&self.gpu, &self.pipelines, &self.arrays)?;
+        self.warp = self.warp.as_ref().map(|warp| warp.on(&self.gpu)).transpose()?;
+        self.targets = None;
+        self.free_staging.clear();
+        self.frames_on_device = 0;
+        Ok(())
     }
 
     /// Waits for the oldest frame under way; `None` when there is none.
@@ -193,6 +230,13 @@ impl GpuRenderer {
     /// # Errors
     /// The device failed, or cut a shader's loops short.
     pub fn finish(&mut self) -> Result<Option<RadianceImage>, RenderError> {
+        match self.finished.pop_front() {
+            Some(image) => Ok(Some(image)),
+            None => self.finish_oldest(),
+        }
+    }
+
+    fn finish_oldest(&mut self) -> Result<Option<RadianceImage>, RenderError> {
         let Some(pending) = self.pending.pop_front() else { return Ok(None) };
         let failed = |error: &dyn std::fmt::Display| RenderError::Device(error.to_string());
         self.gpu
@@ -221,11 +265,17 @@ impl GpuRenderer {
                 view: &targets.visible,
                 depth_slice: None,
                 resolve_target: None,
-                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), store: wgpu::StoreOp::Store },
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                    store: wgpu::StoreOp::Store,
+                },
             })],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &targets.depth,
-                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
+                depth_ops: Some(wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(0.0),
+                    store: wgpu::StoreOp::Discard,
+                }),
                 stencil_ops: None,
             }),
             ..Default::default()
@@ -235,7 +285,7 @@ impl GpuRenderer {
         pass.set_bind_group(0, &self.scene.group, &[]);
         pass.set_vertex_buffer(0, self.scene.vertices.slice(..));
         pass.set_index_buffer(self.scene.indices.slice(..), wgpu::IndexFormat::Uint32);
-        for (body, range) in self.ranges.iter().enumerate() {
+        for (body, range) in self.arrays.ranges.iter().enumerate() {
             pass.set_pipeline(&self.pipelines.visibility[usize::from(range.double_sided)]);
             let first = 3 * range.triangle_first;
             let instance = body as u32;
@@ -280,7 +330,8 @@ impl SceneBuffers {
     fn new(gpu: &GpuDevice, pipelines: &Pipelines, arrays: &SceneArrays) -> Result<Self, RenderError> {
         use wgpu::BufferUsages as Usage;
         let frame = gpu.buffer("frame", size_of::<Frame>() as u64, Usage::UNIFORM | Usage::COPY_DST)?;
-        let bodies = gpu.buffer("bodies", (MOST_BODIES * size_of::<Body>()) as u64, Usage::UNIFORM | Usage::COPY_DST)?;
+        let bodies =
+            gpu.buffer("bodies", (MOST_BODIES * size_of::<Body>()) as u64, Usage::UNIFORM | Usage::COPY_DST)?;
         let (uint4, float4) = (wgpu::TextureFormat::Rgba32Uint, wgpu::TextureFormat::Rgba32Float);
         let textures = [
             gpu.array_texture("bounding volume hierarchy", &arrays.nodes, uint4)?,
@@ -302,17 +353,30 @@ impl SceneBuffers {
     }
 }
 
-fn bind(gpu: &GpuDevice, layout: &wgpu::BindGroupLayout, resources: &[wgpu::BindingResource<'_>]) -> wgpu::BindGroup {
+fn bind(
+    gpu: &GpuDevice,
+    layout: &wgpu::BindGroupLayout,
+    resources: &[wgpu::BindingResource<'_>],
+) -> wgpu::BindGroup {
     let entries: Vec<_> = resources
         .iter()
         .enumerate()
-        .map(|(binding, resource)| wgpu::BindGroupEntry { binding: binding as u32, resource: resource.clone() })
+        .map(|(binding, resource)| wgpu::BindGroupEntry {
+            binding: binding as u32,
+            resource: resource.clone(),
+        })
         .collect();
     gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
 }
 
 impl Targets {
-    fn new(gpu: &GpuDevice, pipelines: &Pipelines, size: [u32; 2], quality: Quality, planes: Planes) -> Result<Self, RenderError> {
+    fn new(
+        gpu: &GpuDevice,
+        pipelines: &Pipelines,
+        size: [u32; 2],
+        quality: Quality,
+        planes: Planes,
+    ) -> Result<Self, RenderError> {
         use wgpu::BufferUsages as Usage;
         let allowed = gpu.device.limits().max_texture_dimension_2d;
         let needed = size[0].max(size[1]) * GRID;
@@ -325,7 +389,8 @@ impl Targets {
             });
         }
         let texture = |format, usage| {
-            let size = wgpu::Extent3d { width: size[0] * GRID, height: size[1] * GRID, depth_or_array_layers: 1 };
+            let size =
+                wgpu::Extent3d { width: size[0] * GRID, height: size[1] * GRID, depth_or_array_layers: 1 };
             gpu.device
                 .create_texture(&wgpu::TextureDescriptor {
                     label: None,
@@ -342,11 +407,18 @@ impl Targets {
         let visible = texture(VISIBILITY_FORMAT, wgpu::TextureUsages::TEXTURE_BINDING);
         let depth = texture(DEPTH_FORMAT, wgpu::TextureUsages::empty());
         let pixels = u64::from(size[0]) * u64::from(size[1]);
-        let chunk_pixels = |log2: u32| ((SAMPLE_BYTES / SAMPLE_SIZE) >> log2).min(pixels).max(1) as u32;
+        let chunk_pixels = |log2: u32| {
+            ((SAMPLE_BYTES / SAMPLE_SIZE) >> (log2 - RUN_LOG2)).min(CHUNK_PIXELS).min(pixels) as u32
+        };
         let (edge_log2, inner_log2) = (quality.edge_samples_log2(), quality.inner_samples_log2());
         let chunks_of = |list: u32, samples_log2: u32| {
             let most = chunk_pixels(samples_log2);
-            (0..pixels as u32).step_by(most as usize).map(move |first| Chunk { list, first, pixels: most, samples_log2 })
+            (0..pixels as u32).step_by(most as usize).map(move |first| Chunk {
+                list,
+                first,
+                pixels: most,
+                samples_log2,
+            })
         };
         let edge_chunks: Vec<Chunk> = chunks_of(LIST_EDGE, edge_log2).collect();
         let inner_chunks: Vec<Chunk> = chunks_of(LIST_INNER, inner_log2).collect();
@@ -357,17 +429,19 @@ impl Targets {
             inner_samples_log2: inner_log2,
             edge_chunks: edge_chunks.len() as u32,
             inner_chunks: inner_chunks.len() as u32,
+            run_log2: RUN_LOG2,
         };
         let chunks = [edge_chunks, inner_chunks].concat();
         // Radiance and I/F are always stored; the copy takes what is asked for.
         let stored = planes.count().max(2) as u64;
-        let plane_buffer = gpu.buffer("image", 4 * pixels * stored, Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST)?;
+        let plane_buffer =
+            gpu.buffer("image", 4 * pixels * stored, Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST)?;
         let work_bytes = WORK_HEAD + LISTS * 4 * pixels;
         let work = gpu.buffer("work list", work_bytes, Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST)?;
         let light = gpu.buffer("light", 4 * pixels, Usage::STORAGE | Usage::COPY_DST)?;
         let dispatch_bytes = DISPATCH_BYTES * (1 + 2 * chunks.len() as u64);
         let dispatches = gpu.buffer("dispatches", dispatch_bytes, Usage::STORAGE | Usage::INDIRECT)?;
-        let samples = gpu.buffer("samples", SAMPLE_BYTES, Usage::STORAGE)?;
+        let runs = gpu.buffer("sample runs", SAMPLE_BYTES, Usage::STORAGE)?;
         let most_pixels = u64::from(plan.edge_pixels.max(plan.inner_pixels));
         let candidates = gpu.buffer("candidates", 4 * CANDIDATES * most_pixels, Usage::STORAGE)?;
         let mut chunk_bytes = vec![0u8; chunks.len() * UNIFORM_STRIDE as usize];
@@ -379,7 +453,8 @@ impl Targets {
         let (image, list) = (plane_buffer.as_entire_binding(), work.as_entire_binding());
         let visible_view = wgpu::BindingResource::TextureView(&visible);
         let shade = [image.clone(), list.clone(), light.as_entire_binding(), visible_view.clone()];
-        let planning = [image.clone(), list.clone(), dispatches.as_entire_binding(), plan.as_entire_binding()];
+        let planning =
+            [image.clone(), list.clone(), dispatches.as_entire_binding(), plan.as_entire_binding()];
         let chunk = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
             buffer: &chunk_buffer,
             offset: 0,
@@ -390,7 +465,7 @@ impl Targets {
         let refine_group = bind(
             gpu,
             &pipelines.refine_layout,
-            &[image, list, samples.as_entire_binding(), chunk, candidates.as_entire_binding(), visible_view],
+            &[image, list, runs.as_entire_binding(), chunk, candidates.as_entire_binding(), visible_view],
         );
         Ok(Self {
             size,

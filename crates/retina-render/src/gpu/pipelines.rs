@@ -25,7 +25,11 @@ pub(crate) struct Pipelines {
     pub sum_samples: wgpu::ComputePipeline,
 }
 
-pub(crate) fn entry(binding: u32, visibility: wgpu::ShaderStages, ty: wgpu::BindingType) -> wgpu::BindGroupLayoutEntry {
+pub(crate) fn entry(
+    binding: u32,
+    visibility: wgpu::ShaderStages,
+    ty: wgpu::BindingType,
+) -> wgpu::BindGroupLayoutEntry {
     wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None }
 }
 
@@ -46,7 +50,11 @@ pub(crate) fn uniform() -> wgpu::BindingType {
 }
 
 fn texture(sample_type: wgpu::TextureSampleType) -> wgpu::BindingType {
-    wgpu::BindingType::Texture { sample_type, view_dimension: wgpu::TextureViewDimension::D2, multisampled: false }
+    wgpu::BindingType::Texture {
+        sample_type,
+        view_dimension: wgpu::TextureViewDimension::D2,
+        multisampled: false,
+    }
 }
 
 pub(crate) fn compute(
@@ -91,7 +99,9 @@ impl Pipelines {
         let float = wgpu::TextureSampleType::Float { filterable: false };
         let uint = wgpu::TextureSampleType::Uint;
         let types = [uint, uint, float, float, uint, uint, uint, float];
-        scene.extend((2..).zip(types).map(|(binding, sample_type)| entry(binding, everywhere, texture(sample_type))));
+        scene.extend(
+            (2..).zip(types).map(|(binding, sample_type)| entry(binding, everywhere, texture(sample_type))),
+        );
         let scene_layout = layout("scene", &scene);
         let outputs = [entry(0, only_compute, storage(false)), entry(1, only_compute, storage(false))];
         let visible = texture(uint);
@@ -103,21 +113,48 @@ impl Pipelines {
             has_dynamic_offset: true,
             min_binding_size: NonZeroU64::new(16),
         };
-        let refine_layout = layout("refine", &[
-            outputs[0],
-            outputs[1],
-            third,
-            entry(3, only_compute, chunk),
-            entry(4, only_compute, storage(false)),
-            entry(5, only_compute, visible),
-        ]);
+        let refine_layout = layout(
+            "refine",
+            &[
+                outputs[0],
+                outputs[1],
+                third,
+                entry(3, only_compute, chunk),
+                entry(4, only_compute, storage(false)),
+                entry(5, only_compute, visible),
+            ],
+        );
         Self {
             visibility: [Some(wgpu::Face::Back), None].map(|cull| visibility(device, &scene_layout, cull)),
             shade: compute(device, &[&scene_layout, &shade_layout], shaders::shade(), "shade_pixels", layers),
-            probe: compute(device, &[&scene_layout, &shade_layout], shaders::shade(), "probe_shadows", layers),
-            settle: compute(device, &[&scene_layout, &shade_layout], shaders::shade(), "settle_shadows", layers),
-            plan: compute(device, &[&scene_layout, &plan_layout], shaders::refine_plan(), "plan_chunks", layers),
-            gather: compute(device, &[&scene_layout, &refine_layout], shaders::refine(), "gather_candidates", layers),
+            probe: compute(
+                device,
+                &[&scene_layout, &shade_layout],
+                shaders::shade(),
+                "probe_shadows",
+                layers,
+            ),
+            settle: compute(
+                device,
+                &[&scene_layout, &shade_layout],
+                shaders::shade(),
+                "settle_shadows",
+                layers,
+            ),
+            plan: compute(
+                device,
+                &[&scene_layout, &plan_layout],
+                shaders::refine_plan(),
+                "plan_chunks",
+                layers,
+            ),
+            gather: compute(
+                device,
+                &[&scene_layout, &refine_layout],
+                shaders::refine(),
+                "gather_candidates",
+                layers,
+            ),
             take_samples: compute(
                 device,
                 &[&scene_layout, &refine_layout],
@@ -125,7 +162,13 @@ impl Pipelines {
                 "take_samples",
                 layers,
             ),
-            sum_samples: compute(device, &[&scene_layout, &refine_layout], shaders::refine(), "sum_samples", layers),
+            sum_samples: compute(
+                device,
+                &[&scene_layout, &refine_layout],
+                shaders::refine(),
+                "sum_samples",
+                layers,
+            ),
             scene_layout,
             shade_layout,
             plan_layout,

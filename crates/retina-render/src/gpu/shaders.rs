@@ -59,8 +59,9 @@ mod tests {
             let permutations: &[f64] = if module.overrides.is_empty() { &[] } else { &[0.0, 1.0] };
             for &layers in permutations {
                 let constants = naga::back::PipelineConstants::from_iter([("LAYERS".to_string(), layers)]);
-                let (module, _) = naga::back::pipeline_constants::process_overrides(&module, &info, None, &constants)
-                    .unwrap_or_else(|error| panic!("{name}: {error:?}"));
+                let (module, _) =
+                    naga::back::pipeline_constants::process_overrides(&module, &info, None, &constants)
+                        .unwrap_or_else(|error| panic!("{name}: {error:?}"));
                 Validator::new(ValidationFlags::all(), capabilities)
                     .validate(&module)
                     .unwrap_or_else(|error| panic!("{name}, LAYERS = {layers}: {error:?}"));

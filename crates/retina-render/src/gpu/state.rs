@@ -3,8 +3,8 @@
 use glam::{DMat3, DVec2, DVec3};
 use retina_radiometry::{Law, PhaseFunction, Photometry, sun_angular_radius_rad, sun_irradiance_w_m2_nm};
 
-use super::layout::{Body, Frame};
 use super::horizon::PATCH;
+use super::layout::{Body, Frame};
 use super::upload::BodyRange;
 use crate::frame::contrast_reference;
 use crate::{BodyModel, BodyState, FrameState, Quality};
@@ -53,7 +53,12 @@ fn near_m(state: &FrameState, ranges: &[BodyRange]) -> f64 {
     0.5 * nearest.fold(f64::INFINITY, f64::min)
 }
 
-pub(crate) fn body_uniforms(state: &FrameState, models: &[BodyModel], ranges: &[BodyRange], quality: Quality) -> Vec<Body> {
+pub(crate) fn body_uniforms(
+    state: &FrameState,
+    models: &[BodyModel],
+    ranges: &[BodyRange],
+    quality: Quality,
+) -> Vec<Body> {
     let first_m = state.bodies.first().map_or(DVec3::ZERO, |body| body.position_camera_m);
     state
         .bodies
@@ -75,13 +80,15 @@ pub(crate) fn body_uniforms(state: &FrameState, models: &[BodyModel], ranges: &[
                 camera_from_body_y: rotation.y_axis.as_vec3().to_array(),
                 sun_angular_radius: sun_angular_radius_rad(sun_distance_m) as f32,
                 camera_from_body_z: rotation.z_axis.as_vec3().to_array(),
-                sun_irradiance_over_pi: (sun_irradiance_w_m2_nm(sun_distance_m) / std::f64::consts::PI) as f32,
+                sun_irradiance_over_pi: (sun_irradiance_w_m2_nm(sun_distance_m) / std::f64::consts::PI)
+                    as f32,
                 center_camera_m: centre.as_vec3().to_array(),
                 inverse_sun_distance: (1.0 / sun_distance_m) as f32,
                 center_from_first_m: (centre - first_m).as_vec3().to_array(),
                 ray_offset_m: (range.bounding_radius_m * RAY_OFFSET) as f32,
                 sun_direction: sun.as_vec3().to_array(),
-                contrast: (quality.contrast() * contrast_reference(&model.photometry, body.phase_rad())) as f32,
+                contrast: (quality.contrast() * contrast_reference(&model.photometry, body.phase_rad()))
+                    as f32,
                 sun_across: across.as_vec3().to_array(),
                 node_first: range.node_first,
                 node_end: range.node_end,
@@ -156,7 +163,8 @@ fn set_photometry(out: &mut Body, photometry: &Photometry) {
         }
         Law::Hapke(h) => {
             out.law = 4;
-            out.law_a = [h.single_scattering_albedo, h.lobe_width, h.lobe_weight, h.shoe_amplitude].map(|v| v as f32);
+            out.law_a =
+                [h.single_scattering_albedo, h.lobe_width, h.lobe_weight, h.shoe_amplitude].map(|v| v as f32);
             out.law_b = [h.shoe_width, h.cboe_amplitude, h.cboe_width, h.roughness_rad].map(|v| v as f32);
             out.phase_coefficients[3] = h.porosity as f32;
         }

@@ -105,7 +105,10 @@ fn a_walk_that_is_cut_short_is_noticed() {
     // Some 10 million turns: either the driver runs them all, or it is noticed that it did not.
     let (hits, cut_short) = walk(&renderer, 100_000);
     println!("{hits} of 100000 walks met the sphere, {cut_short} cut short");
-    assert!(hits == 100_000 || cut_short > 0, "{hits} of 100000 walks met the sphere and none was noticed as cut short");
+    assert!(
+        hits == 100_000 || cut_short > 0,
+        "{hits} of 100000 walks met the sphere and none was noticed as cut short"
+    );
 }
 
 #[test]

@@ -78,7 +78,8 @@ impl SceneArrays {
             normal: vertex.normal.to_array(),
             v: vertex.uv.y,
         }));
-        let positions: Vec<[f32; 3]> = self.vertices[vertex_first as usize..].iter().map(|v| v.position).collect();
+        let positions: Vec<[f32; 3]> =
+            self.vertices[vertex_first as usize..].iter().map(|v| v.position).collect();
         let (node_first, triangle_first) = (self.nodes.len() as u32, self.triangles.len() as u32);
         let hierarchy = bvh::build(&positions, &shape.triangles, triangle_first);
         let packed = hierarchy.pack(node_first);
@@ -123,7 +124,8 @@ impl SceneArrays {
     fn add_albedo(&mut self, map: &AlbedoMap) {
         let scale = map.texels.iter().fold(f32::MIN_POSITIVE, |a, &b| a.max(b));
         let first = self.texels.len() as u32;
-        let levels = mip_levels(map.width, map.height, map.texels.clone(), |a, b, c, d| 0.25 * (a + b + c + d));
+        let levels =
+            mip_levels(map.width, map.height, map.texels.clone(), |a, b, c, d| 0.25 * (a + b + c + d));
         for (width, _, texels) in &levels {
             let quantise = |value: f32| (value / scale * 65535.0).round().clamp(0.0, 65535.0) as u32;
             self.texels.par_extend(texels.par_iter().enumerate().map(|(index, &value)| {

@@ -16,6 +16,8 @@ pub struct GpuWarp {
     parameters: wgpu::Buffer,
     screen: wgpu::Buffer,
     size_px: [u32; 2],
+    map: WarpMap,
+    source: Warp,
 }
 
 impl GpuWarp {
@@ -33,11 +35,15 @@ impl GpuWarp {
         use wgpu::BufferUsages as Usage;
         let stage = wgpu::ShaderStages::COMPUTE;
         let group = |entries: &[wgpu::BindGroupLayoutEntry]| {
-            gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("warp"), entries })
+            gpu.device
+                .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("warp"), entries })
         };
         let frame_layout = group(&[entry(0, stage, uniform())]);
-        let layout =
-            group(&[entry(0, stage, storage(true)), entry(1, stage, storage(false)), entry(2, stage, uniform())]);
+        let layout = group(&[
+            entry(0, stage, storage(true)),
+            entry(1, stage, storage(false)),
+            entry(2, stage, uniform()),
+        ]);
         let pipeline = compute(&gpu.device, &[&frame_layout, &layout], shaders::warp(), "resample", false);
         let k = &map.pinhole;
         let mut frame: Frame = bytemuck::Zeroable::zeroed();
@@ -49,11 +55,18 @@ impl GpuWarp {
             frame.distortion[index / 2][2 * (index % 2) + 1] = c.y as f32;
         }
         let frame = gpu.filled_buffer("warp frame", &[frame], Usage::UNIFORM)?;
-        let parameters = gpu.filled_buffer("warp", &[Warp { source_origin_px, source_size_px }], Usage::UNIFORM)?;
+        let source = Warp { source_origin_px, source_size_px };
+        let parameters = gpu.filled_buffer("warp", &[source], Usage::UNIFORM)?;
         let pixels = u64::from(k.width_px) * u64::from(k.height_px);
         let screen = gpu.buffer("screen", 4 * pixels, Usage::STORAGE | Usage::COPY_SRC)?;
         let frame_group = bind(gpu, &frame_layout, &[frame.as_entire_binding()]);
-        Ok(Self { pipeline, frame_group, layout, parameters, screen, size_px: [k.width_px, k.height_px] })
+        let size_px = [k.width_px, k.height_px];
+        Ok(Self { pipeline, frame_group, layout, parameters, screen, size_px, map: map.clone(), source })
+    }
+
+    /// The same resampling on another device.
+    pub(crate) fn on(&self, gpu: &GpuDevice) -> Result<Self, RenderError> {
+        Self::new(gpu, &self.map, self.source.source_origin_px, self.source.source_size_px)
     }
 
     pub(crate) fn size_px(&self) -> [u32; 2] {
@@ -65,8 +78,11 @@ impl GpuWarp {
     }
 
     pub(crate) fn encode(&self, gpu: &GpuDevice, encoder: &mut wgpu::CommandEncoder, source: &wgpu::Buffer) {
-        let resources =
-            [source.as_entire_binding(), self.screen.as_entire_binding(), self.parameters.as_entire_binding()];
+        let resources = [
+            source.as_entire_binding(),
+            self.screen.as_entire_binding(),
+            self.parameters.as_entire_binding(),
+        ];
         let group = bind(gpu, &self.layout, &resources);
         let mut pass = encoder.begin_compute_pass(&Default::default());
         pass.set_pipeline(&self.pipeline);
