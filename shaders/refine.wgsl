@@ -132,9 +132,28 @@ fn first_hit_among(position: vec2<f32>, base: u32, count: u32) -> Hit {
     return nearest;
 }
 
-/// Point k of n in the unit square: a Hammersley set, even along both axes and both diagonals.
-fn square_point(k: u32, n: u32) -> vec2<f32> {
-    return vec2<f32>((f32(k) + 0.5) / f32(n), f32(reverseBits(k) >> 8u) / 16777216.0 + 0.5 / f32(n));
+/// Point k of 2^n_log2 in the unit square: the rank-1 lattice whose multiplier leaves the least rms
+/// error in the area beside a straight edge of any direction (found by trying all odd ones: 0.012
+/// for 64 points and 0.0043 for 256, where Hammersley's set leaves 0.015 and 0.0054).
+fn square_point(k: u32, n_log2: u32) -> vec2<f32> {
+    var multiplier = 3u;
+    switch n_log2 {
+        case 4u: {
+            multiplier = 13u;
+        }
+        case 5u: {
+            multiplier = 25u;
+        }
+        case 6u: {
+            multiplier = 27u;
+        }
+        case 8u: {
+            multiplier = 181u;
+        }
+        default: {}
+    }
+    let n = 1u << n_log2;
+    return (vec2<f32>(f32(k), f32((k * multiplier) & (n - 1u))) + 0.5) / f32(n);
 }
 
 /// A turn of the Sun's disc points for each pixel, so that their pattern leaves no bands.
@@ -159,7 +178,7 @@ fn take_samples(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workg
     let count = candidates[slot * CANDIDATES];
     var total = sky();
     for (var k = part << RUN_LOG2; k < (part + 1u) << RUN_LOG2; k++) {
-        let position = pixel_position(pixel) + square_point(k, n);
+        let position = pixel_position(pixel) + square_point(k, chunk.samples_log2);
         var nearest = Hit(NONE, 0u, 3.0e38);
         if count < CANDIDATES {
             nearest = first_hit_among(position, slot * CANDIDATES, count);
@@ -170,7 +189,7 @@ fn take_samples(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workg
         }
         if nearest.triangle != NONE {
             // One point of the Sun's disc a sample, from all over the disc for neighbouring samples.
-            let sunlight = Sunlight((k * 27u) & (n - 1u), n, n, pixel_turn(pixel), SUN_SAMPLED);
+            let sunlight = Sunlight((k * 37u) & (n - 1u), n, n, pixel_turn(pixel), SUN_SAMPLED);
             let ray = pixel_ray(nearest.body, position);
             total = sum_of(total, shade(nearest.triangle, ray, inverseSqrt(f32(n)), sunlight));
         }
