@@ -54,7 +54,7 @@ fn shade_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     var total = sky();
-    // With and without the texture, which is filtered and so may vary twice as much.
+    // With and without the texture, which is filtered and so may vary four times as much.
     var least = vec2<f32>(3.0e38);
     var most = vec2<f32>(0.0);
     for (var y = 0u; y < frame.grid; y++) {
@@ -64,8 +64,8 @@ fn shade_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
             let ray = pixel_ray(body, first_pass_position(at, cell));
             let sample = shade(triangle, ray, 1.0 / f32(frame.grid), Sunlight(0u, 1u, 1u, 0.0, SUN_ASSUMED));
             total = sum_of(total, sample);
-            least = min(least, vec2<f32>(sample.untextured, 0.5 * sample.radiance_factor));
-            most = max(most, vec2<f32>(sample.untextured, 0.5 * sample.radiance_factor));
+            least = min(least, vec2<f32>(sample.untextured, 0.25 * sample.radiance_factor));
+            most = max(most, vec2<f32>(sample.untextured, 0.25 * sample.radiance_factor));
         }
     }
     let count = f32(frame.grid * frame.grid);
