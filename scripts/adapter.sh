@@ -8,6 +8,9 @@
 # manifest. Mesa's software driver (lavapipe) serves where there is no GPU. Nothing here ends the
 # caller except a missing Rust toolchain: without an adapter the renderer falls back to the CPU.
 
+# Mesa's Vulkan driver complains on standard error where this is unset, and uses it for nothing here.
+export XDG_RUNTIME_DIR="${XDG_RUNTIME_DIR:-${TMPDIR:-/tmp}}"
+
 say() { printf '%s\n' "$*" >&2; }
 
 # Finds cargo, also right after an installation that this shell's PATH does not know yet.

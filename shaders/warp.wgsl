@@ -1,7 +1,7 @@
 //! Upstream compensation by resampling: each screen pixel reads the undistorted radiance at
-//! D(K_f^-1 R). Lanczos-3, normalised, so that a constant stays constant, and held between the
-//! least and the most of the 4 x 4 pixels about: an edge's undershoot cannot be shown, and cutting
-//! it alone would add light. Radiance is interpolated, without a Jacobian (optics conserve it).
+//! D(K_f^-1 R). Lanczos-3, normalised, so that a constant stays constant, and held between
+//! 0 and the sum of the least and the most of the 4 x 4 pixels about: a dark edge's undershoot
+//! cannot be shown, and cutting it alone would add light. Radiance is interpolated, without a Jacobian (optics conserve it).
 
 struct Warp {
     /// Where the source canvas' corner lies in screen pixels (negative: a margin).
@@ -53,5 +53,5 @@ fn resample(@builtin(global_invocation_id) id: vec3<u32>) {
             }
         }
     }
-    screen[id.y * frame.size_px.x + id.x] = clamp(sum / weights, least, most);
+    screen[id.y * frame.size_px.x + id.x] = clamp(sum / weights, 0.0, most + least);
 }

@@ -10,7 +10,7 @@ import os
 import shutil
 import statistics
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 
@@ -27,6 +27,7 @@ NORMAL_ALBEDO = 0.12
 DISTANCE_M = 41_000e3
 UNIT_M = 1e6  # Blender's unit
 REFERENCE_SEEDS = (101, 202)
+RESULT_FORMAT = 2  # of the results kept from runs of retina
 
 
 @dataclass
@@ -230,22 +231,24 @@ def cached(path, key, fresh_run):
     return result
 
 
-def render_with_retina(folder, model, size, poses, quality, backend, output, binary):
+def render_with_retina(folder, model, size, poses, quality, backend, output, binary, timed=False):
     """One run of `retina render`; frames stay in folder/frames. Seconds a frame from the times at
     which the frames' PNG were finished."""
     photometry = f'{{ model = "lambert", normal_albedo = {NORMAL_ALBEDO} }}'
     scene = common.write_scene(folder, model, poses, size, photometry, output)
     texts = [(folder / name).read_bytes() for name in ("scene.toml", "poses.csv", "setup.toml")]
-    key = digest(binary, Path(model).read_bytes(), *texts, quality, backend)
+    key = digest(RESULT_FORMAT, binary, Path(model).read_bytes(), *texts, quality, backend)
 
     def run():
         out = folder / "out"
         shutil.rmtree(out, ignore_errors=True)
         arguments = ["render", scene, "--out", out, "--backend", backend, "--quality", quality]
         say(f"retina {quality} {backend} {size_name(size)}: {len(poses)} frames")
-        # The CPU time of one frame alone holds the start-up, which is then taken off.
-        one = common.run_retina([*arguments, "--frames", "0..1"], folder / "retina.log")
-        shutil.rmtree(out)
+        one = None
+        if timed:
+            # The CPU time of one frame alone holds the start-up, which is then taken off.
+            one = common.run_retina([*arguments, "--frames", "0..1"], folder / "retina.log")
+            shutil.rmtree(out)
         result = common.run_retina(arguments, folder / "retina.log")
         finished = sorted(f.stat().st_mtime_ns / 1e9 for f in (out / "frames").glob("*.png"))
         if len(finished) != len(poses):
@@ -253,7 +256,8 @@ def render_with_retina(folder, model, size, poses, quality, backend, output, bin
         steps = np.diff(finished)
         result["frame_s"] = float(np.median(steps)) if len(steps) else None
         result["frame_mean_s"] = float(np.mean(steps)) if len(steps) else None
-        result["frame_cpu_s"] = (result["cpu_s"] - one["cpu_s"]) / max(len(poses) - 1, 1)
+        if one is not None:
+            result["frame_cpu_s"] = (result["cpu_s"] - one["cpu_s"]) / (len(poses) - 1)
         result["first_frame_s"] = finished[0] - result["started_at"]
         result["frame_count"] = len(poses)
         manifest = (out / "manifest.jsonl").read_text().splitlines()
@@ -304,6 +308,7 @@ def retina_timings(plan, folder, model, binary):
                     backend,
                     f"radiance_exr = {exr}",
                     binary,
+                    timed=True,
                 )
     return timings
 
@@ -586,10 +591,13 @@ def main():
     parser.add_argument("--quick", action="store_true", help="two minutes: one phase, 1024 x 1024, albedo map")
     parser.add_argument("--fresh", action="store_true", help="forget earlier results")
     parser.add_argument("--cycles-only", action="store_true", help="only make the Cycles images")
+    parser.add_argument("--no-cpu", action="store_true", help="leave out retina's CPU renderer, which takes minutes")
     parser.add_argument("--out", type=Path, help="default: out/bench-cycles, or out/bench-cycles-quick")
     arguments = parser.parse_args()
     plan = QUICK if arguments.quick else THOROUGH
     out = arguments.out or common.ROOT / ("out/bench-cycles-quick" if arguments.quick else "out/bench-cycles")
+    if arguments.no_cpu:
+        plan = replace(plan, retina_runs=tuple(run for run in plan.retina_runs if run[1] != "cpu"))
     variants = {"both": ("uniform", "map")}.get(arguments.albedo, (arguments.albedo,))
     if arguments.quick and arguments.albedo == "both":
         variants = ("map",)

@@ -78,7 +78,7 @@ impl Quality {
         match self {
             Self::Draft => 0.5,
             Self::Default => 0.12,
-            Self::Best => 0.02,
+            Self::Best => 0.01,
         }
     }
 }
