@@ -12,7 +12,7 @@ import numpy as np
 import OpenEXR
 
 ROOT = Path(__file__).resolve().parent.parent
-RETINA = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release" / "retina"
+RETINA = Path(os.environ.get("CARGO_TARGET_DIR") or ROOT / "target") / "release" / "retina"
 MOON = ROOT / "assets/bodies/moon.glb"
 MOON_RADIUS_M = 1_737_400.0
 AU_M = 149_597_870_700.0

@@ -187,7 +187,8 @@ def main():
         print(
             f"{r['quality']:10}{r['phase_deg']:6.0f}{r['radius_px']:8.1f}{r['limb_pixels']:8}"
             f"{r['coverage_rms']:14.5f}{r['coverage_rms_annulus']:9.5f}{r['coverage_worst']:9.4f}"
-            f"{r['displacement_rms_px']:20.5f}{r['displacement_mean_px']:10.5f}{r['displacement_worst_px']:10.4f}{r['wrong_elsewhere']:10}"
+            f"{r['displacement_rms_px']:20.5f}{r['displacement_mean_px']:10.5f}"
+            f"{r['displacement_worst_px']:10.4f}{r['wrong_elsewhere']:10}"
         )
     worst = max(r["displacement_rms_px"] for r in results)
     if arguments.max_px is not None and worst > arguments.max_px:
