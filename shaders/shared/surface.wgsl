@@ -150,7 +150,8 @@ fn shade(triangle: u32, ray: Ray, sample_size_px: f32, sunlight: Sunlight) -> Sa
         }
     }
 
-    let mu = dot(normal, to_observer);
+    // What is seen faces the observer, also where the smooth normal of a facet at the limb does not.
+    let mu = max(dot(normal, to_observer), 1.0e-3);
     let sun = normalize(bodies[body].sun_direction - point * bodies[body].inverse_sun_distance);
     let cos_phase = dot(sun, to_observer);
     let radius = bodies[body].sun_angular_radius;

@@ -236,7 +236,8 @@ impl CpuRenderer {
         let to_sun = at.sun_in_body_m - point;
         let sun = to_sun.normalize();
         let phase_rad = sun.angle_between(to_observer);
-        let mu = normal.dot(to_observer);
+        // A smooth normal at the limb may turn away from an observer who sees its facet.
+        let mu = normal.dot(to_observer).max(1e-3);
         let radius = sun_angular_radius_rad(to_sun.length()).tan();
         let (u, v) = sun.any_orthonormal_pair();
         let origin = point + geometric * (1e-8 * at.body.bounding_radius_m);
