@@ -12,18 +12,7 @@ const MARGIN_PX: u32 = 24;
 
 /// 1.5 % at the corner, as a facility has.
 fn distortion() -> Distortion {
-    let (k1, p1) = (1.3, 3e-4);
-    Distortion::from_terms(&[
-        (1, 0, 1.0, 0.0),
-        (0, 1, 0.0, 1.0),
-        (3, 0, k1, 0.0),
-        (1, 2, k1, 0.0),
-        (2, 1, 0.0, k1),
-        (0, 3, 0.0, k1),
-        (2, 0, 3.0 * p1, 0.0),
-        (0, 2, p1, 0.0),
-        (1, 1, 0.0, 2.0 * p1),
-    ])
+    Distortion::brown(1.3, 3e-4, 0.0)
 }
 
 /// What the camera's directions receive from a screen: the screen's radiance at K D^-1(K^-1 u),

@@ -154,16 +154,7 @@ mod tests {
     fn barrel() -> WarpMap {
         let pinhole =
             Pinhole { fx_px: 900.0, fy_px: 900.0, cx_px: 81.0, cy_px: 49.0, width_px: 160, height_px: 100 };
-        let k1 = 2.0;
-        let terms = [
-            (1, 0, 1.0, 0.0),
-            (0, 1, 0.0, 1.0),
-            (3, 0, k1, 0.0),
-            (1, 2, k1, 0.0),
-            (2, 1, 0.0, k1),
-            (0, 3, 0.0, k1),
-        ];
-        WarpMap { pinhole, distortion: Distortion::from_terms(&terms) }
+        WarpMap { pinhole, distortion: Distortion::brown(2.0, 0.0, 0.0) }
     }
 
     #[test]

@@ -66,6 +66,22 @@ impl Distortion {
         out
     }
 
+    /// Brown's model with one radial and two decentring terms, written out as monomials:
+    /// r = r_u (1 + k1 r^2) + (p1 (r^2 + 2 x^2) + 2 p2 x y, 2 p1 x y + p2 (r^2 + 2 y^2)).
+    pub fn brown(k1: f64, p1: f64, p2: f64) -> Self {
+        Self::from_terms(&[
+            (1, 0, 1.0, 0.0),
+            (0, 1, 0.0, 1.0),
+            (3, 0, k1, 0.0),
+            (1, 2, k1, 0.0),
+            (2, 1, 0.0, k1),
+            (0, 3, 0.0, k1),
+            (2, 0, 3.0 * p1, p2),
+            (0, 2, p1, 3.0 * p2),
+            (1, 1, 2.0 * p2, 2.0 * p1),
+        ])
+    }
+
     /// Total degree of the polynomial.
     pub fn degree(&self) -> u32 {
         self.degree
@@ -159,21 +175,6 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Radial k1 and the two decentring terms of Brown's model, written out as monomials.
-    fn brown(k1: f64, p1: f64, p2: f64) -> Distortion {
-        Distortion::from_terms(&[
-            (1, 0, 1.0, 0.0),
-            (0, 1, 0.0, 1.0),
-            (3, 0, k1, 0.0),
-            (1, 2, k1, 0.0),
-            (2, 1, 0.0, k1),
-            (0, 3, 0.0, k1),
-            (2, 0, 3.0 * p1, p2),
-            (0, 2, p1, 3.0 * p2),
-            (1, 1, 2.0 * p2, 2.0 * p1),
-        ])
-    }
-
     proptest! {
         #[test]
         fn polynomial_is_browns_model(x in -0.2..0.2f64, y in -0.2..0.2f64) {
@@ -183,13 +184,13 @@ mod tests {
                 x * (1.0 + k1 * r2) + p1 * (r2 + 2.0 * x * x) + 2.0 * p2 * x * y,
                 y * (1.0 + k1 * r2) + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * y * y),
             );
-            let at = brown(k1, p1, p2).distort(DVec2::new(x, y));
+            let at = Distortion::brown(k1, p1, p2).distort(DVec2::new(x, y));
             prop_assert!((at - expected).length() < 1e-15);
         }
 
         #[test]
         fn inverse_undoes_it(x in -0.25..0.25f64, y in -0.25..0.25f64) {
-            let d = brown(0.4, 2e-3, -1e-3);
+            let d = Distortion::brown(0.4, 2e-3, -1e-3);
             let there_and_back = d.undistort(d.distort(DVec2::new(x, y))).unwrap();
             // 0.01 arcsec is 4.8e-8 rad.
             prop_assert!((there_and_back - DVec2::new(x, y)).length() < 1e-13);
@@ -206,7 +207,7 @@ mod tests {
             width_px: 1920,
             height_px: 1200,
         };
-        assert!(brown(0.4, 0.0, 0.0).check_over(&image).is_ok());
-        assert!(brown(-20.0, 0.0, 0.0).check_over(&image).is_err());
+        assert!(Distortion::brown(0.4, 0.0, 0.0).check_over(&image).is_ok());
+        assert!(Distortion::brown(-20.0, 0.0, 0.0).check_over(&image).is_err());
     }
 }
