@@ -1,6 +1,6 @@
 //! The output folder: whose it is, which frames it holds, and the manifest.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
@@ -206,9 +206,11 @@ impl Folder {
 
     /// Makes the folder and its record, or joins a run of the same scene; removes what killed
     /// runs left, unless another run is at work in it.
-    pub(crate) fn open(dir: &Path, record: &Record) -> Result<Self, BatchError> {
+    ///
+    /// `kinds` are the folders of the frames' files.
+    pub(crate) fn open(dir: &Path, record: &Record, kinds: &BTreeSet<String>) -> Result<Self, BatchError> {
         let mut folder = Self::at(dir);
-        for name in ["frames", "truth"] {
+        for name in kinds {
             let path = dir.join(name);
             fs::create_dir_all(&path).map_err(BatchError::write(&path))?;
         }
@@ -224,7 +226,7 @@ impl Folder {
         }
         let lock = File::open(&file).map_err(BatchError::write(&file))?;
         if lock.try_lock().is_ok() {
-            folder.remove_leftovers()?;
+            folder.remove_leftovers(kinds)?;
             folder.mend_manifest()?;
             lock.unlock().map_err(BatchError::write(&file))?;
         }
@@ -233,9 +235,8 @@ impl Folder {
         Ok(folder)
     }
 
-    fn remove_leftovers(&self) -> Result<(), BatchError> {
-        for name in ["", "frames", "truth"] {
-            let path = self.dir.join(name);
+    fn remove_leftovers(&self, kinds: &BTreeSet<String>) -> Result<(), BatchError> {
+        for path in kinds.iter().map(|kind| self.dir.join(kind)).chain([self.dir.clone()]) {
             for entry in fs::read_dir(&path).map_err(BatchError::write(&path))? {
                 let entry = entry.map_err(BatchError::write(&path))?;
                 if entry.file_name().to_string_lossy().starts_with(".part-") {
@@ -306,6 +307,10 @@ fn short(hash: &str) -> &str {
 mod tests {
     use super::*;
 
+    fn kinds() -> BTreeSet<String> {
+        ["frames".to_string(), "truth".to_string()].into()
+    }
+
     fn record() -> Record {
         Record::new("0123456789abcdef".into(), "default", "none", "cpu", 0.1 + 0.2, 7)
     }
@@ -313,28 +318,28 @@ mod tests {
     #[test]
     fn a_record_is_read_back_bit_for_bit_and_another_scene_is_refused() {
         let dir = tempfile::tempdir().unwrap();
-        let folder = Folder::open(dir.path(), &record()).unwrap();
+        let folder = Folder::open(dir.path(), &record(), &kinds()).unwrap();
         let found = folder.record().unwrap().unwrap();
         assert_eq!(found, record());
         let other = Record { input_hash: "fff".into(), ..record() };
         assert!(folder.check_same(&found, &other).unwrap_err().to_string().contains("another scene"));
         let best = Record { quality: "best".into(), ..record() };
         assert!(folder.check_same(&found, &best).unwrap_err().to_string().contains("quality"));
-        assert!(Folder::open(dir.path(), &other).is_err());
+        assert!(Folder::open(dir.path(), &other, &kinds()).is_err());
     }
 
     #[test]
     fn a_torn_line_and_leftovers_are_cleared_but_not_under_a_live_run() {
         let dir = tempfile::tempdir().unwrap();
-        let live = Folder::open(dir.path(), &record()).unwrap();
+        let live = Folder::open(dir.path(), &record(), &kinds()).unwrap();
         let left = dir.path().join("frames/.part-abc");
         fs::write(&left, "x").unwrap();
         fs::write(dir.path().join(MANIFEST), "{\"schema\":1}\n{\"ind").unwrap();
-        drop(Folder::open(dir.path(), &record()).unwrap());
+        drop(Folder::open(dir.path(), &record(), &kinds()).unwrap());
         assert!(left.exists(), "another run's file was removed");
         assert!(live.manifest().unwrap().is_empty());
         drop(live);
-        drop(Folder::open(dir.path(), &record()).unwrap());
+        drop(Folder::open(dir.path(), &record(), &kinds()).unwrap());
         assert!(!left.exists());
         assert_eq!(fs::read_to_string(dir.path().join(MANIFEST)).unwrap(), "{\"schema\":1}\n");
     }

@@ -7,6 +7,7 @@ use image::{DynamicImage, ExtendedColorType, ImageEncoder as _, ImageFormat};
 use retina_files::{InputError, read_bytes};
 
 use crate::BatchError;
+use crate::png_file::{PngShape, png_bytes};
 
 /// An image of whole numbers, channels interleaved.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -59,7 +60,11 @@ impl IntegerImage {
     /// The file's bytes. `schema` goes into a text chunk of a PNG; a TIFF carries none.
     pub(crate) fn encode(&self, format: ImageFormat, schema: &str) -> Result<Vec<u8>, BatchError> {
         match format {
-            ImageFormat::Png => self.png(schema).map_err(|error| BatchError::encode("the PNG", &error)),
+            ImageFormat::Png => {
+                let Self { width_px, height_px, channels, bits, .. } = *self;
+                let shape = PngShape { width_px, height_px, channels, bits };
+                png_bytes("the PNG", shape, &self.bytes(u16::to_be_bytes), &[("schema", schema.to_string())])
+            }
             _ => self.tiff().map_err(|error| BatchError::encode("the TIFF", &error)),
         }
     }
@@ -70,18 +75,6 @@ impl IntegerImage {
         } else {
             self.samples.iter().flat_map(|&sample| two(sample)).collect()
         }
-    }
-
-    fn png(&self, schema: &str) -> Result<Vec<u8>, png::EncodingError> {
-        let mut bytes = Vec::new();
-        let mut encoder = png::Encoder::new(&mut bytes, self.width_px, self.height_px);
-        encoder.set_color(if self.channels == 1 { png::ColorType::Grayscale } else { png::ColorType::Rgb });
-        encoder.set_depth(if self.bits == 8 { png::BitDepth::Eight } else { png::BitDepth::Sixteen });
-        encoder.add_text_chunk("schema".into(), schema.into())?;
-        let mut writer = encoder.write_header()?;
-        writer.write_image_data(&self.bytes(u16::to_be_bytes))?;
-        writer.finish()?;
-        Ok(bytes)
     }
 
     fn tiff(&self) -> Result<Vec<u8>, image::ImageError> {

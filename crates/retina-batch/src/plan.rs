@@ -2,7 +2,7 @@
 
 use retina_geometry::{Distortion, Pinhole, WarpMap};
 use retina_render::{PLANE_NAMES, Planes, RadianceImage};
-use retina_scene::{Compensation, Layer, Scene};
+use retina_scene::{Compensation, Display, Layer, Scene};
 
 use crate::{Canvas, Channels, Resampler};
 
@@ -18,14 +18,17 @@ pub struct ImagePlan {
     /// Planes that are rendered.
     pub planes: Planes,
     screen: Pinhole,
+    /// Index of the plane that the picture shows: radiance in a facility, else the radiance factor.
+    light: usize,
     channels: Option<Vec<&'static str>>,
+    side_products: bool,
     mode: Compensation,
 }
 
 /// A frame's images.
 pub(crate) struct Developed {
-    /// Radiance at each of the screen's pixels, W m^-2 sr^-1 nm^-1.
-    pub(crate) screen: Vec<f32>,
+    /// Light of each of the picture's pixels: radiance, W m^-2 sr^-1 nm^-1, or radiance factor.
+    pub(crate) light: Vec<f32>,
     /// The EXR's channels, where one is asked for.
     pub(crate) channels: Option<Channels>,
 }
@@ -33,7 +36,8 @@ pub(crate) struct Developed {
 impl ImagePlan {
     /// The plan of a scene.
     pub fn of(scene: &Scene) -> Self {
-        let screen = scene.setup.facility_pinhole();
+        let screen = scene.image;
+        let light = usize::from(matches!(scene.display, Display::Plain(_)));
         let channels = scene.output.exr.then(|| {
             let mut names = vec!["Y", "IF"];
             names.extend(scene.output.layers.iter().flat_map(|layer: &Layer| layer.channels()));
@@ -41,13 +45,23 @@ impl ImagePlan {
             names
         });
         let planes = match &channels {
-            None => Planes::Radiance,
+            None if light == 0 => Planes::Radiance,
+            None => Planes::RadianceFactor,
             Some(names) if names.len() == 2 => Planes::RadianceFactor,
             Some(_) => Planes::Layers,
         };
         let mode = scene.compensation;
-        let mut plan =
-            Self { image: screen, distortion: None, resampling: None, planes, screen, channels, mode };
+        let mut plan = Self {
+            image: screen,
+            distortion: None,
+            resampling: None,
+            planes,
+            screen,
+            light,
+            channels,
+            side_products: false,
+            mode,
+        };
         match (mode, &scene.distortion) {
             (Compensation::Direct, Some(distortion)) => plan.distortion = Some(distortion.clone()),
             (Compensation::Resample, Some(distortion)) => {
@@ -67,9 +81,15 @@ impl ImagePlan {
         plan
     }
 
+    /// Also renders what side products are made of.
+    pub(crate) fn add_side_products(&mut self, planes: Planes) {
+        self.planes = self.planes.max(planes);
+        self.side_products = true;
+    }
+
     /// Whether the rendered image is wanted whole, besides the screen's.
     pub(crate) fn keeps_rendered(&self) -> bool {
-        self.channels.is_some()
+        self.channels.is_some() || self.side_products || self.light > 0
     }
 
     /// What an EXR's pixels are, for its metadata.
@@ -84,14 +104,12 @@ impl ImagePlan {
     }
 
     /// The screen's radiance and the EXR's channels from what was rendered.
-    pub(crate) fn develop(&self, rendered: RadianceImage, resampler: Option<&Resampler>) -> Developed {
-        let channels = self.channels.as_ref().map(|names| self.crop(&rendered, names));
-        let screen = match resampler {
-            Some(resampler) => resampler.resample(rendered.radiance()),
-            None if rendered.plane_count() == 1 => rendered.data,
-            None => rendered.radiance().to_vec(),
-        };
-        Developed { screen, channels }
+    pub(crate) fn develop(&self, rendered: &RadianceImage, resampler: Option<&Resampler>) -> Developed {
+        let channels = self.channels.as_ref().map(|names| self.crop(rendered, names));
+        // A warp on the GPU leaves the one plane that it made.
+        let light = rendered.plane(self.light.min(rendered.plane_count() - 1));
+        let light = resampler.map_or_else(|| light.to_vec(), |resampler| resampler.resample(light));
+        Developed { light, channels }
     }
 
     /// The channels over the screen's area.

@@ -1,6 +1,6 @@
 //! A run: the chosen frames of a scene rendered into a folder.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -12,9 +12,10 @@ use retina_scene::{RadianceScale, Scene, SceneFrame};
 use serde_json::json;
 
 use crate::folder::{Folder, ManifestLine, Record, frame_file};
+use crate::picture::Picture;
 use crate::source::FrameSource;
 use crate::{
-    AdapterName, BackendChoice, BatchError, ImagePlan, ScreenEncoder, Selection, contact_sheet, write_exr,
+    AdapterName, BackendChoice, BatchError, ImagePlan, Selection, SideProducts, contact_sheet, write_exr,
 };
 
 /// Threads that encode and write finished frames while further ones are rendered.
@@ -84,7 +85,8 @@ pub struct Batch {
     scene: Scene,
     options: Options,
     plan: ImagePlan,
-    encoder: ScreenEncoder,
+    picture: Picture,
+    side_products: Option<Box<dyn SideProducts>>,
     inputs: BTreeMap<String, String>,
 }
 
@@ -99,9 +101,17 @@ impl Batch {
     /// Prepares a run; nothing is written or rendered yet.
     pub fn new(scene: Scene, options: Options) -> Self {
         let plan = ImagePlan::of(&scene);
-        let encoder = ScreenEncoder::new(&scene.setup);
+        let picture = Picture::of(&scene);
         let inputs = scene.inputs.iter().map(|input| (input.role.clone(), input.hash.clone())).collect();
-        Self { scene, options, plan, encoder, inputs }
+        Self { scene, options, plan, picture, side_products: None, inputs }
+    }
+
+    /// Makes further files of each frame.
+    pub fn with_side_products(mut self, products: Box<dyn SideProducts>) -> Self {
+        self.plan.add_side_products(products.planes());
+        self.inputs.insert("side products".into(), hash_bytes(products.description().as_bytes()));
+        self.side_products = Some(products);
+        self
     }
 
     /// Renders the frames.
@@ -153,7 +163,11 @@ impl Batch {
             Quality::Best => "best",
         };
         let (scene, frames) = (&self.scene, self.scene.frame_count());
-        Record::new(scene.input_hash(), quality, scene.compensation.name(), backend, radiance_scale, frames)
+        let mut input_hash = scene.input_hash();
+        if let Some(products) = &self.side_products {
+            input_hash = hash_bytes(format!("{input_hash}\n{}", products.description()).as_bytes());
+        }
+        Record::new(input_hash, quality, scene.compensation.name(), backend, radiance_scale, frames)
     }
 
     /// The frames that are not there whole, and the saturated pixels of those that are.
@@ -175,9 +189,18 @@ impl Batch {
         if self.scene.output.exr {
             files.push(frame_file("frames", index, "exr"));
         }
+        if let Some(products) = &self.side_products {
+            files.extend(products.files(index));
+        }
         files.push(frame_file("truth", index, "json"));
         files.push(frame_file("frames", index, "png"));
         files
+    }
+
+    /// The folders that those files lie in.
+    fn kinds(&self) -> BTreeSet<String> {
+        let folder = |file: &String| file.rsplit_once('/').map(|(folder, _)| folder.to_string());
+        self.files(0).iter().filter_map(folder).collect()
     }
 
     fn render(
@@ -207,7 +230,7 @@ impl Batch {
             (RadianceScale::Auto, None) => self.automatic_scale(&mut source, &candidates)?,
         };
         let record = self.record(source.name.backend, radiance_scale);
-        let folder = Folder::open(&self.options.dir, &record)?;
+        let folder = Folder::open(&self.options.dir, &record, &self.kinds())?;
         summary.radiance_scale = radiance_scale;
         summary.adapter = Some(source.name.clone());
         observer.progress(Progress { done: 0, to_do: to_do.len(), skipped: summary.skipped });
@@ -223,8 +246,8 @@ impl Batch {
         for &index in candidates {
             source.start(&self.scene.frame(index)?)?;
             if let Some(image) = source.finish()? {
-                let screen = self.plan.develop(image, source.resampler.as_ref()).screen;
-                brightest = screen.iter().fold(brightest, |most, &value| most.max(value));
+                let light = self.plan.develop(&image, source.resampler.as_ref()).light;
+                brightest = light.iter().fold(brightest, |most, &value| most.max(value));
             }
         }
         if !(brightest > 0.0 && brightest.is_finite()) {
@@ -238,7 +261,7 @@ impl Batch {
             .help("check the Sun's position, or set radiance_scale = 0.1")
             .into());
         }
-        Ok(self.encoder.scale_for_brightest(f64::from(brightest)))
+        Ok(self.picture.scale_for_brightest(f64::from(brightest)))
     }
 
     /// Renders on this thread and encodes on others; what waits between them is bounded.
@@ -325,11 +348,8 @@ impl FrameWriter<'_> {
     fn write(&self, job: Job) -> Done {
         let Job { frame, image } = job;
         let (batch, index) = (self.batch, frame.index);
-        let developed = batch.plan.develop(image, self.resampler.as_ref());
-        let encoded = batch
-            .encoder
-            .encode(&developed.screen, self.radiance_scale)
-            .map_err(|pixels| BatchError::NotFinite { frame: index, pixels })?;
+        let developed = batch.plan.develop(&image, self.resampler.as_ref());
+        let painted = batch.picture.paint(index, &developed.light, self.radiance_scale)?;
         let mut outputs = BTreeMap::new();
         if let Some(channels) = developed.channels {
             let metadata = json!({
@@ -345,23 +365,28 @@ impl FrameWriter<'_> {
             let bytes = write_exr(channels, &metadata.to_string())?;
             self.put(frame_file("frames", index, "exr"), &bytes, &mut outputs)?;
         }
+        if let Some(products) = &batch.side_products {
+            let made = products.make(&frame, &image, &painted.png)?;
+            for (file, bytes) in products.files(index).into_iter().zip(made) {
+                self.put(file, &bytes, &mut outputs)?;
+            }
+        }
         let truth = batch.scene.truth(&frame, self.radiance_scale);
         let mut text =
             serde_json::to_vec_pretty(&truth).map_err(|error| BatchError::encode("the truth", &error))?;
         text.push(b'\n');
         self.put(frame_file("truth", index, "json"), &text, &mut outputs)?;
-        let png = batch.encoder.png(&encoded.counts, index)?;
-        self.put(frame_file("frames", index, "png"), &png, &mut outputs)?;
+        self.put(frame_file("frames", index, "png"), &painted.png, &mut outputs)?;
         self.folder.append(&ManifestLine::new(
             index,
             batch.inputs.clone(),
             outputs,
             batch.scene.seed,
             self.radiance_scale,
-            encoded.saturated_px,
+            painted.saturated_px,
             &self.name,
         ))?;
-        Ok(encoded.saturated_px)
+        Ok(painted.saturated_px)
     }
 
     fn put(

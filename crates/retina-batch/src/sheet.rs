@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, read_bytes, write_atomic};
 
+use crate::png_file::{PngShape, png_bytes};
 use crate::{BatchError, digits};
 
 /// Most frames on a sheet.
@@ -118,16 +119,8 @@ fn mean(length: usize, parts: usize, index: usize, value: impl Fn(usize) -> f64)
 }
 
 fn encode(sheet: &[u8], width: usize, height: usize) -> Result<Vec<u8>, BatchError> {
-    let failed = |error: png::EncodingError| BatchError::encode("the contact sheet", &error);
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
-    encoder.set_color(png::ColorType::Grayscale);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.add_text_chunk("schema".into(), "retina.contact-sheet/1".into()).map_err(failed)?;
-    let mut writer = encoder.write_header().map_err(failed)?;
-    writer.write_image_data(sheet).map_err(failed)?;
-    writer.finish().map_err(failed)?;
-    Ok(bytes)
+    let shape = PngShape { width_px: width as u32, height_px: height as u32, channels: 1, bits: 8 };
+    png_bytes("the contact sheet", shape, sheet, &[("schema", "retina.contact-sheet/1".to_string())])
 }
 
 #[cfg(test)]

@@ -127,7 +127,7 @@ impl Look<'_> {
     /// The largest pixel of the image of all facets, up to a common factor: their radiance times
     /// the pixels that each covers, summed where its centre falls.
     fn brightest_pixel(&self, frame: &SceneFrame, facets: &[Vec<Facet>]) -> f64 {
-        let image = self.scene.setup.facility_pinhole();
+        let image = self.scene.image;
         let (low, high) = (image.pixel(self.field.low).floor(), image.pixel(self.field.high).ceil());
         let (columns, rows) = ((high.x - low.x) as usize + 1, (high.y - low.y) as usize + 1);
         let mut sums = vec![[0f32; 2]; columns * rows];

@@ -17,7 +17,7 @@ pub(crate) struct Field {
 impl Field {
     /// Bounds of D(K_f^-1 R), or of K_f^-1 R without compensation, over the screen's border.
     pub(crate) fn of(scene: &Scene) -> Self {
-        let image = scene.setup.facility_pinhole();
+        let image = scene.image;
         let size = DVec2::new(f64::from(image.width_px), f64::from(image.height_px));
         let mut field = Self { low: DVec2::INFINITY, high: DVec2::NEG_INFINITY };
         for step in 0..=64 {

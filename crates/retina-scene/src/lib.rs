@@ -11,10 +11,11 @@ mod file;
 mod frame;
 mod inside;
 mod photometry;
+mod read;
 mod scene;
 mod sequence;
 mod truth;
 
 pub use file::{Compensation, Layer};
 pub use frame::SceneFrame;
-pub use scene::{Output, RadianceScale, Scene, SceneBody, SceneInput};
+pub use scene::{BodyParts, Display, Output, RadianceScale, Scene, SceneBody, SceneInput, SceneParts};

@@ -11,7 +11,7 @@ impl Scene {
     /// The ground truth of a frame shown at `radiance_scale`, as the JSON document's value.
     /// Numbers are printed so that reading them gives the same bits.
     pub fn truth(&self, frame: &SceneFrame, radiance_scale: f64) -> Value {
-        let image = self.setup.facility_pinhole();
+        let image = self.image;
         let mut bodies = Map::new();
         for ((body, at), turn) in self.bodies.iter().zip(&frame.bodies).zip(&frame.camera_from_body) {
             let limb =

@@ -1,9 +1,7 @@
-//! From radiance to the screen image: digital counts, as a PNG.
+//! From radiance to the screen image's digital counts.
 
 use retina_geometry::Setup;
 use retina_radiometry::ScreenResponse;
-
-use crate::BatchError;
 
 /// Count at which the brightest pixel of a sequence with an automatic radiance scale is shown.
 const BRIGHTEST_COUNT: u8 = 254;
@@ -12,8 +10,6 @@ const BRIGHTEST_COUNT: u8 = 254;
 #[derive(Debug, Clone)]
 pub struct ScreenEncoder {
     response: ScreenResponse,
-    width_px: u32,
-    height_px: u32,
     pixel_sr: f64,
 }
 
@@ -31,8 +27,6 @@ impl ScreenEncoder {
     pub fn new(setup: &Setup) -> Self {
         Self {
             response: ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude()),
-            width_px: setup.screen.width_px,
-            height_px: setup.screen.height_px,
             pixel_sr: setup.facility_pinhole().boresight_pixel_sr(),
         }
     }
@@ -73,22 +67,5 @@ impl ScreenEncoder {
             })
             .collect();
         Ok(Encoded { counts, saturated_px })
-    }
-
-    /// The screen image as a PNG, 8 bits, RGB with equal counts; text chunks carry schema and frame.
-    pub(crate) fn png(&self, counts: &[u8], frame: usize) -> Result<Vec<u8>, BatchError> {
-        let failed = |error: png::EncodingError| BatchError::encode(format!("frame {frame}"), &error);
-        let rgb: Vec<u8> = counts.iter().flat_map(|&count| [count; 3]).collect();
-        let mut bytes = Vec::new();
-        let mut encoder = png::Encoder::new(&mut bytes, self.width_px, self.height_px);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_compression(png::Compression::Fast);
-        encoder.add_text_chunk("schema".into(), "retina.screen/1".into()).map_err(failed)?;
-        encoder.add_text_chunk("frame".into(), frame.to_string()).map_err(failed)?;
-        let mut writer = encoder.write_header().map_err(failed)?;
-        writer.write_image_data(&rgb).map_err(failed)?;
-        writer.finish().map_err(failed)?;
-        Ok(bytes)
     }
 }

@@ -1,0 +1,166 @@
+//! `SCENE.toml` and everything it names, read and resolved.
+
+use std::path::Path;
+
+use glam::DVec3;
+use retina_files::{InputError, hash_bytes, hash_file, parse_toml, read_text};
+use retina_geometry::{Calibration, Distortion, Setup};
+use retina_model::{external_files, load_body};
+use retina_render::Quality;
+
+use crate::file::{BodyTable, Compensation, QualityName, ScaleKey, SceneFile, Shading};
+use crate::photometry::photometry;
+use crate::scene::{BodyParts, Display, Output, RadianceScale, Scene, SceneInput, SceneParts};
+use crate::sequence;
+
+/// Mean radius of the Moon's reference sphere, m (IAU).
+const MOON_RADIUS_M: f64 = 1_737_400.0;
+
+impl Scene {
+    /// Reads a scene and everything it names, and checks every frame's geometry.
+    ///
+    /// # Errors
+    /// Whatever does not fit, in whichever of the files: an unknown key, a model that does not
+    /// load, a trajectory with a bad cell, a camera inside a body, ...
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, InputError> {
+        let path = path.as_ref();
+        let text = read_text(path)?;
+        let file: SceneFile = parse_toml(path, &text)?;
+        if file.schema != "retina.scene/1" {
+            return Err(InputError::new(path, "is not a scene")
+                .at("key `schema`")
+                .found(format!("`{}`", file.schema))
+                .expected("`retina.scene/1`"));
+        }
+        if file.stars.is_some() {
+            return Err(InputError::new(path, "this version draws no stars")
+                .at("table `stars`")
+                .help("remove the table [stars]; bodies alone can be rendered"));
+        }
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let mut inputs = vec![SceneInput { role: "scene".into(), hash: hash_bytes(text.as_bytes()) }];
+        let mut input = |role: String, hash: String| inputs.push(SceneInput { role, hash });
+
+        let setup_file = folder.join(&file.setup);
+        let setup = Setup::read(&setup_file)?;
+        input("setup".into(), hash_file(&setup_file)?);
+        let distortion = distortion(path, &file, &setup, &mut input)?;
+        check_names(path, &file.body)?;
+        let names: Vec<String> = file.body.iter().map(|body| body.name.clone()).collect();
+        let (trajectory, hash) = sequence::trajectory(path, &file.trajectory, &names)?;
+        input("trajectory".into(), hash);
+
+        let mut bodies = Vec::new();
+        for table in &file.body {
+            bodies.push(read_body(path, folder, table)?);
+            let model_file = folder.join(&table.model);
+            input(format!("body {}", table.name), hash_file(&model_file)?);
+            for external in external_files(&model_file)? {
+                let name = external.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+                input(format!("body {}: {name}", table.name), hash_file(&external)?);
+            }
+        }
+        let layers = file.output.layers.clone();
+        Self::assemble(SceneParts {
+            file: path.to_path_buf(),
+            image: setup.facility_pinhole(),
+            display: Display::Facility(setup),
+            trajectory,
+            radiance_scale: match file.radiance_scale {
+                ScaleKey::Auto => RadianceScale::Auto,
+                ScaleKey::Value(value) => RadianceScale::Value(value),
+            },
+            compensation: file.compensation.mode,
+            distortion,
+            bodies,
+            quality: match file.render.quality {
+                QualityName::Draft => Quality::Draft,
+                QualityName::Default => Quality::Default,
+                QualityName::Best => Quality::Best,
+            },
+            output: Output { exr: file.output.radiance_exr || !layers.is_empty(), layers },
+            seed: file.seed,
+            allow_empty_frames: file.allow_empty_frames,
+            inputs,
+        })
+    }
+}
+
+/// D, where the scene compensates; a calibration that is named is read in any case.
+fn distortion(
+    path: &Path,
+    file: &SceneFile,
+    setup: &Setup,
+    input: &mut impl FnMut(String, String),
+) -> Result<Option<Distortion>, InputError> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let table = &file.compensation;
+    let own = table.calibration.as_ref().map(|calibration| folder.join(calibration));
+    let compensates = table.mode != Compensation::None;
+    let Some(calibration) = own.or_else(|| setup.calibration_path().filter(|_| compensates)) else {
+        if compensates {
+            return Err(InputError::new(path, "there is no calibration to compensate with")
+                .at("table `compensation`")
+                .expected("a key `calibration`, or a setup that names one")
+                .help(
+                    "add calibration = \"calibration.toml\" below [compensation], or set mode = \"none\"",
+                ));
+        }
+        return Ok(None);
+    };
+    let read = Calibration::read(&calibration, setup)?;
+    input("calibration".into(), hash_file(&calibration)?);
+    Ok(compensates.then_some(read.distortion))
+}
+
+fn check_names(path: &Path, bodies: &[BodyTable]) -> Result<(), InputError> {
+    for (i, body) in bodies.iter().enumerate() {
+        let place = format!("body {}, key `name`", i + 1);
+        let simple = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+        if body.name.is_empty() || !body.name.chars().all(simple) {
+            return Err(InputError::new(path, "the name does not do for columns and keys")
+                .at(place)
+                .found(format!("`{}`", body.name))
+                .expected("letters, digits, `_` and `-`"));
+        }
+        if ["camera", "sun"].contains(&body.name.as_str()) {
+            return Err(InputError::new(path, "the name is the trajectory's own")
+                .at(place)
+                .found(format!("`{}`", body.name))
+                .help("give the body another name"));
+        }
+        if bodies[..i].iter().any(|other| other.name == body.name) {
+            return Err(InputError::new(path, format!("two bodies are called `{}`", body.name)).at(place));
+        }
+    }
+    Ok(())
+}
+
+fn read_body(path: &Path, folder: &Path, table: &BodyTable) -> Result<BodyParts, InputError> {
+    let place = format!("body `{}`", table.name);
+    let photometry = photometry(path, &place, &table.photometry)?;
+    let mut shape = load_body(&folder.join(&table.model))?;
+    match table.shading {
+        Shading::Auto => {}
+        Shading::Smooth => shape.smooth_normals(),
+        Shading::Flat => shape.surfaces.iter_mut().for_each(|surface| surface.flat = true),
+    }
+    let reference_semi_axes_m = match (table.reference_radius_m, table.reference_semi_axes_m) {
+        (Some(_), Some(_)) => {
+            return Err(InputError::new(path, "the reference body is given twice")
+                .at(place)
+                .found("`reference_radius_m` and `reference_semi_axes_m`")
+                .expected("one of the two"));
+        }
+        (Some(radius_m), None) => Some(DVec3::splat(radius_m)),
+        (None, Some(axes_m)) => Some(DVec3::from_array(axes_m)),
+        (None, None) => (table.name == "moon").then_some(DVec3::splat(MOON_RADIUS_M)),
+    };
+    Ok(BodyParts {
+        name: table.name.clone(),
+        shape,
+        photometry,
+        reference_semi_axes_m,
+        may_be_behind: table.may_be_behind,
+    })
+}
