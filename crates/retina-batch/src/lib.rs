@@ -21,6 +21,7 @@ mod selection;
 mod sheet;
 mod side_products;
 mod source;
+mod stars;
 mod warp_file;
 
 pub use error::BatchError;

@@ -62,7 +62,7 @@ impl IntegerImage {
         match format {
             ImageFormat::Png => {
                 let Self { width_px, height_px, channels, bits, .. } = *self;
-                let shape = PngShape { width_px, height_px, channels, bits };
+                let shape = PngShape { width_px, height_px, channels, bits, filtered: true };
                 png_bytes("the PNG", shape, &self.bytes(u16::to_be_bytes), &[("schema", schema.to_string())])
             }
             _ => self.tiff().map_err(|error| BatchError::encode("the TIFF", &error)),

@@ -1,11 +1,11 @@
 //! The image of a frame: a facility's screen image, or an ordinary one.
 
 use retina_geometry::Pinhole;
-use retina_scene::{Display, Scene};
-use retina_screen::{PlainDisplay, ScreenEncoder};
+use retina_scene::{Display, Scene, ShownPoint, SkyPoint};
+use retina_screen::{Encoded, PlainDisplay, PointPainter, Quantisation, ScreenEncoder};
 
-use crate::BatchError;
 use crate::png_file::{PngShape, png_bytes};
+use crate::{BatchError, stars};
 
 /// Makes the image file of a frame from its light.
 #[derive(Debug, Clone)]
@@ -17,7 +17,7 @@ pub(crate) struct Picture {
 
 #[derive(Debug, Clone)]
 enum Encoder {
-    Screen(ScreenEncoder),
+    Screen { screen: ScreenEncoder, quantisation: Quantisation, points: Option<PointPainter> },
     Plain(PlainDisplay),
 }
 
@@ -25,13 +25,19 @@ enum Encoder {
 pub(crate) struct Painted {
     pub(crate) png: Vec<u8>,
     pub(crate) saturated_px: u64,
+    /// The point sources in it.
+    pub(crate) stars: Vec<ShownPoint>,
 }
 
 impl Picture {
     pub(crate) fn of(scene: &Scene) -> Self {
         let Pinhole { width_px, height_px, .. } = scene.image;
         let display = match &scene.display {
-            Display::Facility(setup) => Encoder::Screen(ScreenEncoder::new(setup)),
+            Display::Facility(setup) => {
+                let screen = ScreenEncoder::new(setup);
+                let points = stars::painter(scene, &screen);
+                Encoder::Screen { screen, quantisation: scene.output.quantisation, points }
+            }
             Display::Plain(plain) => Encoder::Plain(*plain),
         };
         Self { width_px, height_px, display }
@@ -40,12 +46,12 @@ impl Picture {
     /// The radiance scale that shows a pixel of this light just below saturation.
     pub(crate) fn scale_for_brightest(&self, light: f64) -> f64 {
         match &self.display {
-            Encoder::Screen(screen) => screen.scale_for_brightest(light),
+            Encoder::Screen { screen, .. } => screen.scale_for_brightest(light),
             Encoder::Plain(plain) => plain.scale_for_brightest(light),
         }
     }
 
-    /// The PNG of frame `index`; text chunks carry schema and frame.
+    /// The PNG of frame `index`, light and point sources; text chunks carry schema and frame.
     ///
     /// # Errors
     /// Light that is not finite, or a PNG that cannot be encoded.
@@ -53,13 +59,22 @@ impl Picture {
         &self,
         index: usize,
         light: &[f32],
+        sky: Vec<SkyPoint>,
         radiance_scale: f64,
     ) -> Result<Painted, BatchError> {
         let not_finite = |pixels| BatchError::NotFinite { frame: index, pixels };
+        let mut stars = Vec::new();
         let (schema, channels, bits, bytes, saturated_px) = match &self.display {
-            Encoder::Screen(screen) => {
-                let encoded = screen.encode(light, radiance_scale).map_err(not_finite)?;
-                let rgb = encoded.counts.iter().flat_map(|&count| [count; 3]).collect::<Vec<u8>>();
+            Encoder::Screen { screen, quantisation, points } => {
+                let mut encoded = if light.is_empty() {
+                    Encoded { counts: vec![0; (self.width_px * self.height_px) as usize], saturated_px: 0 }
+                } else {
+                    screen.encode(light, radiance_scale, *quantisation).map_err(not_finite)?
+                };
+                if let Some(painter) = points {
+                    stars = stars::draw(painter, &mut encoded.counts, sky, radiance_scale);
+                }
+                let rgb = equal_channels(&encoded.counts);
                 ("retina.screen/1", 3, 8, rgb, encoded.saturated_px)
             }
             Encoder::Plain(plain) => {
@@ -74,9 +89,22 @@ impl Picture {
                 ("retina.image/1", channels, u32::from(plain.bits), bytes, encoded.saturated_px)
             }
         };
-        let shape = PngShape { width_px: self.width_px, height_px: self.height_px, channels, bits };
+        // Filters help gradients; points on dark ground they only cost time.
+        let filtered = !light.is_empty();
+        let shape = PngShape { width_px: self.width_px, height_px: self.height_px, channels, bits, filtered };
         let texts = [("schema", schema.to_string()), ("frame", index.to_string())];
         let png = png_bytes(&format!("frame {index}"), shape, &bytes, &texts)?;
-        Ok(Painted { png, saturated_px })
+        Ok(Painted { png, saturated_px, stars })
     }
+}
+
+/// Each count three times.
+fn equal_channels(counts: &[u8]) -> Vec<u8> {
+    let mut rgb = vec![0; 3 * counts.len()];
+    for (pixel, &count) in rgb.chunks_exact_mut(3).zip(counts) {
+        if count > 0 {
+            pixel.fill(count);
+        }
+    }
+    rgb
 }

@@ -27,7 +27,8 @@ pub struct ImagePlan {
 
 /// A frame's images.
 pub(crate) struct Developed {
-    /// Light of each of the picture's pixels: radiance, W m^-2 sr^-1 nm^-1, or radiance factor.
+    /// Light of each of the picture's pixels: radiance, W m^-2 sr^-1 nm^-1, or radiance factor;
+    /// empty where there is no body.
     pub(crate) light: Vec<f32>,
     /// The EXR's channels, where one is asked for.
     pub(crate) channels: Option<Channels>,
@@ -103,9 +104,23 @@ impl ImagePlan {
         }
     }
 
+    /// What a scene without bodies gives: no planes at all where nobody looks at them.
+    pub(crate) fn dark(&self) -> RadianceImage {
+        let Pinhole { width_px, height_px, .. } = self.image;
+        let planes = if self.keeps_rendered() { self.planes.count() } else { 0 };
+        RadianceImage {
+            width_px,
+            height_px,
+            data: vec![0.0; planes * width_px as usize * height_px as usize],
+        }
+    }
+
     /// The screen's radiance and the EXR's channels from what was rendered.
     pub(crate) fn develop(&self, rendered: &RadianceImage, resampler: Option<&Resampler>) -> Developed {
         let channels = self.channels.as_ref().map(|names| self.crop(rendered, names));
+        if rendered.plane_count() == 0 {
+            return Developed { light: Vec::new(), channels };
+        }
         // A warp on the GPU leaves the one plane that it made.
         let light = rendered.plane(self.light.min(rendered.plane_count() - 1));
         let light = resampler.map_or_else(|| light.to_vec(), |resampler| resampler.resample(light));

@@ -11,6 +11,8 @@ pub(crate) struct PngShape {
     pub(crate) channels: usize,
     /// 8 or 16; samples of 16 bits come with the high byte first.
     pub(crate) bits: u32,
+    /// Rows are filtered before they are compressed.
+    pub(crate) filtered: bool,
 }
 
 /// A PNG's bytes. `what` names it in an error.
@@ -27,6 +29,9 @@ pub(crate) fn png_bytes(
         encoder.set_color(if grey { png::ColorType::Grayscale } else { png::ColorType::Rgb });
         encoder.set_depth(if shape.bits == 8 { png::BitDepth::Eight } else { png::BitDepth::Sixteen });
         encoder.set_compression(png::Compression::Fast);
+        if !shape.filtered {
+            encoder.set_filter(png::Filter::NoFilter);
+        }
         for (key, text) in texts {
             encoder.add_text_chunk((*key).into(), text.clone())?;
         }

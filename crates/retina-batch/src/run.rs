@@ -211,7 +211,9 @@ impl Batch {
         observer: &mut dyn Observer,
     ) -> Result<(), BatchError> {
         let candidates = match (self.scene.radiance_scale, &found) {
-            (RadianceScale::Auto, None) => self.scene.brightest_frames(SCALE_FRAMES)?,
+            (RadianceScale::Auto, None) if !self.scene.bodies.is_empty() => {
+                self.scene.brightest_frames(SCALE_FRAMES)?
+            }
             _ => Vec::new(),
         };
         let models = self.scene.take_models();
@@ -227,6 +229,8 @@ impl Batch {
         let radiance_scale = match (self.scene.radiance_scale, &found) {
             (RadianceScale::Value(value), _) => value,
             (RadianceScale::Auto, Some(found)) => found.radiance_scale,
+            // Stars and planets alone are shown as bright as they are.
+            (RadianceScale::Auto, None) if self.scene.bodies.is_empty() => 1.0,
             (RadianceScale::Auto, None) => self.automatic_scale(&mut source, &candidates)?,
         };
         let record = self.record(source.name.backend, radiance_scale);
@@ -349,7 +353,8 @@ impl FrameWriter<'_> {
         let Job { frame, image } = job;
         let (batch, index) = (self.batch, frame.index);
         let developed = batch.plan.develop(&image, self.resampler.as_ref());
-        let painted = batch.picture.paint(index, &developed.light, self.radiance_scale)?;
+        let sky = batch.scene.sky(&frame)?;
+        let painted = batch.picture.paint(index, &developed.light, sky, self.radiance_scale)?;
         let mut outputs = BTreeMap::new();
         if let Some(channels) = developed.channels {
             let metadata = json!({
@@ -371,7 +376,7 @@ impl FrameWriter<'_> {
                 self.put(file, &bytes, &mut outputs)?;
             }
         }
-        let truth = batch.scene.truth(&frame, self.radiance_scale);
+        let truth = batch.scene.truth(&frame, self.radiance_scale, &painted.stars);
         let mut text =
             serde_json::to_vec_pretty(&truth).map_err(|error| BatchError::encode("the truth", &error))?;
         text.push(b'\n');

@@ -10,6 +10,8 @@ use crate::{BatchError, digits};
 
 /// Most frames on a sheet.
 const MOST_FRAMES: usize = 36;
+/// A frame with fewer lit pixels than this part is taken for one of points.
+const SPARSE: f64 = 0.003;
 /// Width of a frame on it, pixels.
 const TILE_PX: usize = 320;
 const GAP_PX: usize = 4;
@@ -79,13 +81,26 @@ fn frames_in(dir: &Path) -> Result<Vec<(usize, PathBuf)>, InputError> {
     Ok(present)
 }
 
+/// A frame of points: each area's brightest count, on a scale that shows the faint ones too.
+fn brightened(grey: &[f64], from_width: usize, [width, height]: [usize; 2]) -> Vec<u8> {
+    let from_height = grey.len() / from_width;
+    let mut tile = vec![0; width * height];
+    for (i, &value) in grey.iter().enumerate().filter(|(_, value)| **value > 0.0) {
+        let (x, y) = (i % from_width * width / from_width, i / from_width * height / from_height);
+        let shown = (255.0 * (value / 255.0).cbrt()).round() as u8;
+        tile[y * width + x] = tile[y * width + x].max(shown);
+    }
+    tile
+}
+
 struct Tile {
     width: usize,
     height: usize,
     grey: Vec<u8>,
 }
 
-/// A frame averaged down to the width of a tile; narrower ones stay as they are.
+/// A frame averaged down to the width of a tile; narrower ones stay as they are. A frame of points
+/// is [`brightened`] instead.
 fn read_tile(path: &Path) -> Result<Tile, InputError> {
     let bytes = read_bytes(path)?;
     let image = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
@@ -103,9 +118,14 @@ fn read_tile(path: &Path) -> Result<Tile, InputError> {
             narrow[y * width + x] = mean(from_width, width, x, |k| grey[y * from_width + k]);
         }
     }
-    let grey = (0..width * height)
-        .map(|i| mean(from_height, height, i / width, |k| narrow[k * width + i % width]).round() as u8)
-        .collect();
+    let lit = grey.iter().filter(|&&value| value > 0.0).count();
+    let grey = if lit as f64 > SPARSE * grey.len() as f64 {
+        (0..width * height)
+            .map(|i| mean(from_height, height, i / width, |k| narrow[k * width + i % width]).round() as u8)
+            .collect()
+    } else {
+        brightened(&grey, from_width, [width, height])
+    };
     Ok(Tile { width, height, grey })
 }
 
@@ -119,7 +139,8 @@ fn mean(length: usize, parts: usize, index: usize, value: impl Fn(usize) -> f64)
 }
 
 fn encode(sheet: &[u8], width: usize, height: usize) -> Result<Vec<u8>, BatchError> {
-    let shape = PngShape { width_px: width as u32, height_px: height as u32, channels: 1, bits: 8 };
+    let shape =
+        PngShape { width_px: width as u32, height_px: height as u32, channels: 1, bits: 8, filtered: true };
     png_bytes("the contact sheet", shape, sheet, &[("schema", "retina.contact-sheet/1".to_string())])
 }
 

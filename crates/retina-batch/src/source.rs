@@ -80,6 +80,8 @@ pub(crate) struct FrameSource {
 enum Renderer {
     Gpu(GpuRenderer),
     Cpu(CpuRenderer, VecDeque<FrameState>),
+    /// A scene without bodies: nothing is resolved, so frames are dark but for their point sources.
+    Dark(usize),
 }
 
 impl FrameSource {
@@ -90,6 +92,11 @@ impl FrameSource {
         quality: Quality,
         plan: &ImagePlan,
     ) -> Result<(Self, Option<RenderError>), RenderError> {
+        if models.is_empty() {
+            let name = AdapterName { adapter: "none".into(), ..AdapterName::cpu() };
+            let source = Self { renderer: Renderer::Dark(0), plan: plan.clone(), resampler: None, name };
+            return Ok((source, None));
+        }
         let (device, mut fallback) = open(choice)?;
         let models = match device {
             None => models,
@@ -139,7 +146,7 @@ impl FrameSource {
     pub(crate) fn capacity(&self) -> usize {
         match &self.renderer {
             Renderer::Gpu(_) => FRAMES_IN_FLIGHT,
-            Renderer::Cpu(..) => 1,
+            Renderer::Cpu(..) | Renderer::Dark(_) => 1,
         }
     }
 
@@ -148,6 +155,7 @@ impl FrameSource {
         match &self.renderer {
             Renderer::Gpu(gpu) => gpu.in_flight(),
             Renderer::Cpu(_, waiting) => waiting.len(),
+            Renderer::Dark(waiting) => *waiting,
         }
     }
 
@@ -157,6 +165,7 @@ impl FrameSource {
         match &mut self.renderer {
             Renderer::Gpu(gpu) => gpu.start(&state)?,
             Renderer::Cpu(_, waiting) => waiting.push_back(state),
+            Renderer::Dark(waiting) => *waiting += 1,
         }
         Ok(())
     }
@@ -166,6 +175,11 @@ impl FrameSource {
         match &mut self.renderer {
             Renderer::Gpu(gpu) => gpu.finish(),
             Renderer::Cpu(cpu, waiting) => Ok(waiting.pop_front().map(|state| cpu.render(&state))),
+            Renderer::Dark(waiting) => {
+                let image = (*waiting > 0).then(|| self.plan.dark());
+                *waiting = waiting.saturating_sub(1);
+                Ok(image)
+            }
         }
     }
 }

@@ -97,9 +97,6 @@ fn values_that_do_not_fit_the_scene() {
         "setup = \"large\"",
         &["calibration.toml", "key `setup`", "`large`"],
     );
-    let stars =
-        |f: &Fixture| f.write("scene.toml", &format!("{}[stars]\nfaintest_magnitude = 8.0\n", common::SCENE));
-    refused(stars, &["scene.toml", "table `stars`", "draws no stars"]);
     refused(
         |f| {
             f.edit("scene.toml", "calibration = \"calibration.toml\"\n", "");

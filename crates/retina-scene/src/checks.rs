@@ -37,6 +37,11 @@ impl Field {
         sight.cmpge(self.low).all() && sight.cmple(self.high).all()
     }
 
+    /// The largest angle from the boresight, rad.
+    pub(crate) fn corner_rad(&self) -> f64 {
+        self.low.abs().max(self.high.abs()).length().atan()
+    }
+
     /// Whether a sphere meets the pyramid of the field: not if it is wholly beyond one of its sides
     /// or behind the camera.
     fn meets(&self, center_m: DVec3, radius_m: f64) -> bool {
@@ -69,7 +74,11 @@ pub(crate) fn all_frames(scene: &Scene) -> Result<(), InputError> {
             check.camera_outside(number, &mut closed[number])?;
             check.in_front(number)?;
         }
-        check.something_in_view(&field)?;
+        if scene.stars.is_some() {
+            scene.observer(&frame)?;
+        } else {
+            check.something_in_view(&field)?;
+        }
     }
     Ok(())
 }

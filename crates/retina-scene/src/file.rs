@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use serde::de::value::MapAccessDeserializer;
-use serde::de::{Error as _, IgnoredAny, MapAccess, Visitor};
+use serde::de::{Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 
 /// The whole file.
@@ -26,7 +26,7 @@ pub(crate) struct SceneFile {
     pub(crate) compensation: CompensationTable,
     #[serde(default)]
     pub(crate) body: Vec<BodyTable>,
-    pub(crate) stars: Option<IgnoredAny>,
+    pub(crate) stars: Option<StarsTable>,
     #[serde(default)]
     pub(crate) render: RenderTable,
     #[serde(default)]
@@ -44,20 +44,50 @@ pub(crate) enum TrajectoryKey {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct GeneratedTable {
-    #[serde(rename = "kind")]
-    _kind: GeneratorKind,
+    pub(crate) kind: GeneratorKind,
+    pub(crate) frames: usize,
+    // Of the halo.
     /// Time of the first frame, or of the middle one where `centred`.
     pub(crate) epoch: Option<String>,
-    pub(crate) frames: usize,
-    pub(crate) step_s: f64,
+    pub(crate) step_s: Option<f64>,
     pub(crate) jacobi: Option<f64>,
     pub(crate) centred: Option<bool>,
+    // Of the deep-space poses.
+    pub(crate) from: Option<String>,
+    pub(crate) until: Option<String>,
+    pub(crate) distance_au: Option<[f64; 2]>,
+    pub(crate) greatest_latitude_deg: Option<f64>,
+    pub(crate) least_sun_angle_deg: Option<f64>,
+    pub(crate) planets: Option<Vec<String>>,
+    pub(crate) seed: Option<u64>,
 }
 
-#[derive(Debug, Deserialize)]
+/// What generates a trajectory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum GeneratorKind {
+pub(crate) enum GeneratorKind {
     LumioHalo,
+    DeepSpace,
+}
+
+/// `[stars]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct StarsTable {
+    #[serde(default = "faint_limit")]
+    pub(crate) faintest_magnitude: f64,
+    pub(crate) catalogue: Option<PathBuf>,
+    #[serde(default = "yes")]
+    pub(crate) planets: bool,
+}
+
+/// The paper's faint limit in the wide configuration (Fig. 7).
+fn faint_limit() -> f64 {
+    8.25
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// `"auto"` or a number.
@@ -72,10 +102,15 @@ pub(crate) enum ScaleKey {
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CompensationTable {
-    #[serde(default)]
+    /// Without the table nothing is compensated; with it, by the better of the two ways.
+    #[serde(default = "direct")]
     pub(crate) mode: Compensation,
     /// Relative to the scene; by default the setup's own.
     pub(crate) calibration: Option<PathBuf>,
+}
+
+fn direct() -> Compensation {
+    Compensation::Direct
 }
 
 /// How the facility's distortion is undone beforehand.
@@ -207,6 +242,17 @@ pub(crate) struct OutputTable {
     pub(crate) radiance_exr: bool,
     #[serde(default)]
     pub(crate) layers: Vec<Layer>,
+    #[serde(default)]
+    pub(crate) quantisation: QuantisationName,
+}
+
+/// Name of a quantisation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum QuantisationName {
+    Nearest,
+    #[default]
+    Diffused,
 }
 
 /// A by-product that goes into the EXR.
@@ -251,7 +297,7 @@ impl<'de> Deserialize<'de> for TrajectoryKey {
             type Value = TrajectoryKey;
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str(
-                    "the path of a trajectory table, or { kind = \"lumio-halo\", frames = .., step_s = .. }",
+                    "the path of a trajectory table, or { kind = \"lumio-halo\", frames = .., step_s = .. }, or { kind = \"deep-space\", frames = .. }",
                 )
             }
             fn visit_str<E>(self, path: &str) -> Result<Self::Value, E> {

@@ -4,7 +4,11 @@ use glam::{DMat3, DQuat, DVec3};
 use retina_files::InputError;
 use retina_geometry::{Distortion, Pinhole};
 use retina_render::{BodyState, FrameState};
-use retina_sky::ephemeris::sun_from_body_m;
+use retina_sky::BodyPose;
+use retina_sky::ephemeris::{EphemerisError, LIGHT_SPEED_M_S, SolarSystem, sun_from_body_m};
+use retina_sky::observer::Observer;
+use retina_sky::orientation::body_from_inertial;
+use retina_sky::planets::{Planet, seen_planet};
 
 use crate::Scene;
 
@@ -17,6 +21,10 @@ pub struct SceneFrame {
     pub time_s: f64,
     /// From ICRF to the camera's axes.
     pub camera_from_inertial: DQuat,
+    /// The camera, ICRF m in the trajectory's frame.
+    pub camera_position_m: DVec3,
+    /// The camera's velocity, m/s, where it is given.
+    pub camera_velocity_m_s: Option<DVec3>,
     /// From each body's axes to the camera's, as a unit quaternion.
     pub camera_from_body: Vec<DQuat>,
     /// The bodies as the renderer takes them, in the scene's order.
@@ -41,14 +49,12 @@ impl Scene {
                 .found(format!("frame {index}"))
                 .expected(format!("0 to {}", self.frame_count().saturating_sub(1))));
         };
-        let sun_m = self.sun_position_m(index)?;
+        let places = self.bodies.iter().map(|body| self.body_pose(index, &body.name));
+        let places = places.collect::<Result<Vec<BodyPose>, InputError>>()?;
+        let sun_m = self.sun_position_m(index, &places)?;
         let camera_from_inertial = DMat3::from_quat(pose.camera_from_inertial);
         let (mut camera_from_body, mut bodies) = (Vec::new(), Vec::new());
-        for body in &self.bodies {
-            let (position_m, body_from_inertial) = pose
-                .bodies
-                .get(&body.name)
-                .map_or((DVec3::ZERO, DQuat::IDENTITY), |at| (at.position_m, at.body_from_inertial));
+        for BodyPose { position_m, body_from_inertial } in places {
             let rotation = DMat3::from_quat(body_from_inertial);
             bodies.push(BodyState {
                 position_camera_m: camera_from_inertial * (position_m - pose.camera_position_m),
@@ -61,26 +67,79 @@ impl Scene {
             index,
             time_s: pose.time_s,
             camera_from_inertial: pose.camera_from_inertial,
+            camera_position_m: pose.camera_position_m,
+            camera_velocity_m_s: pose.camera_velocity_m_s,
             camera_from_body,
             bodies,
         })
     }
 
+    /// Where a body is: from the trajectory's columns; without them at the origin, aligned, or, in
+    /// a scene with stars, where the ephemeris has it as seen from the camera.
+    fn body_pose(&self, index: usize, name: &str) -> Result<BodyPose, InputError> {
+        let pose = &self.trajectory.frames[index];
+        let given = self.trajectory.given.get(name).copied().unwrap_or_default();
+        let at = pose.bodies.get(name).copied();
+        let at = at.unwrap_or(BodyPose { position_m: DVec3::ZERO, body_from_inertial: DQuat::IDENTITY });
+        if self.stars.is_none() || (given.position && given.orientation) {
+            return Ok(at);
+        }
+        let missing = |problem: String, columns: &str| {
+            self.trajectory
+                .error_at(index, problem)
+                .expected(columns)
+                .help("with a table [stars] the origin is the Solar System's barycentre, so a body has its place and axes from columns, or is one whose ephemeris is known")
+        };
+        let wrong = |error: &dyn std::fmt::Display| self.trajectory.error_at(index, error.to_string());
+        let observer = Observer::new(pose.time_s, pose.camera_position_m, pose.camera_velocity_m_s)
+            .map_err(|error| wrong(&error))?;
+        let mut light_time_s = 0.0;
+        let position_m = if given.position {
+            at.position_m
+        } else {
+            let planet = Planet::from_name(name).map(|planet| seen_planet(&observer, planet));
+            let Some(seen) = planet.transpose().map_err(|error| wrong(&error))?.flatten() else {
+                return Err(missing(
+                    format!("nothing says where the body `{name}` is"),
+                    &format!(
+                        "columns {name}_x_m, {name}_y_m, {name}_z_m, or the name of a planet or `moon` that the camera is outside of"
+                    ),
+                ));
+            };
+            light_time_s = seen.distance_m / LIGHT_SPEED_M_S;
+            pose.camera_position_m + seen.direction * seen.distance_m
+        };
+        let body_from_inertial = if given.orientation {
+            at.body_from_inertial
+        } else {
+            body_from_inertial(name, pose.time_s - light_time_s).ok_or_else(|| {
+                missing(
+                    format!("nothing says how the body `{name}` is turned"),
+                    &format!("columns {name}_from_inertial_w, _x, _y, _z, or the body `moon` or `earth`"),
+                )
+            })?
+        };
+        Ok(BodyPose { position_m, body_from_inertial })
+    }
+
     /// The Sun, ICRF m in the frame of the positions: from the trajectory's columns, or from the
-    /// ephemeris where the Moon or the Earth stands at the origin.
-    fn sun_position_m(&self, index: usize) -> Result<DVec3, InputError> {
+    /// ephemeris where there are stars, or where the Moon or the Earth stands at the origin.
+    fn sun_position_m(&self, index: usize, places: &[BodyPose]) -> Result<DVec3, InputError> {
         let pose = &self.trajectory.frames[index];
         if let Some(sun_m) = pose.sun_position_m {
             return Ok(sun_m);
         }
-        let at_origin = |name: &str| pose.bodies.get(name).is_none_or(|body| body.position_m == DVec3::ZERO);
-        for body in self.bodies.iter().filter(|body| at_origin(&body.name)) {
-            let sun_m = sun_from_body_m(&body.name, pose.time_s).map_err(|error| {
-                self.trajectory
-                    .error_at(index, error.to_string())
-                    .help("give the Sun in columns sun_x_m, sun_y_m, sun_z_m")
-            })?;
-            if let Some(sun_m) = sun_m {
+        let ephemeris = |error: EphemerisError| {
+            self.trajectory
+                .error_at(index, error.to_string())
+                .help("give the Sun in columns sun_x_m, sun_y_m, sun_z_m")
+        };
+        if self.stars.is_some() {
+            let lit_m = places.first().map_or(pose.camera_position_m, |place| place.position_m);
+            return Ok(lit_m + SolarSystem::at(pose.time_s).map_err(ephemeris)?.sun_from_m(lit_m));
+        }
+        for (body, _) in self.bodies.iter().zip(places).filter(|(_, at)| at.position_m == DVec3::ZERO) {
+            if let Some(sun_m) = sun_from_body_m(&body.name, pose.time_s).map_err(ephemeris)? {
                 return Ok(sun_m);
             }
         }

@@ -12,33 +12,45 @@ pub(crate) fn is_inside(shape: &Body, point_m: DVec3) -> bool {
     net > 0
 }
 
-/// +1 where the ray leaves through the triangle, -1 where it enters, 0 where it misses
-/// (Moeller and Trumbore 1997).
-fn crossing([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> i64 {
+/// Where a ray meets a triangle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Met {
+    /// Along the ray, in lengths of its direction; above 0.
+    pub(crate) distance: f64,
+    /// The ray goes out along the triangle's normal.
+    pub(crate) outward: bool,
+}
+
+/// Where a ray meets a triangle, if it does (Moeller and Trumbore 1997).
+pub(crate) fn meets([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<Met> {
     let (ab, ac) = (b - a, c - a);
     let across = direction.cross(ac);
     let determinant = ab.dot(across);
     if determinant == 0.0 {
-        return 0;
+        return None;
     }
     let from_a = origin - a;
     let u = from_a.dot(across) / determinant;
     let along = from_a.cross(ab);
     let v = direction.dot(along) / determinant;
-    if u < 0.0 || v < 0.0 || u + v > 1.0 || ac.dot(along) / determinant <= 0.0 {
-        return 0;
-    }
+    let distance = ac.dot(along) / determinant;
     // The determinant is -direction . normal: negative where the ray goes out along the normal.
-    if determinant < 0.0 { 1 } else { -1 }
+    let met = u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > 0.0;
+    met.then_some(Met { distance, outward: determinant < 0.0 })
+}
+
+/// +1 where the ray leaves through the triangle, -1 where it enters, 0 where it misses.
+fn crossing(corners_m: [DVec3; 3], origin: DVec3, direction: DVec3) -> i64 {
+    meets(corners_m, origin, direction).map_or(0, |met| if met.outward { 1 } else { -1 })
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use retina_model::{Surface, Vertex};
 
     /// An octahedron of radius 1 with outward triangles.
-    fn octahedron() -> Body {
+    pub(crate) fn octahedron() -> Body {
         let corners = [DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z];
         let vertices = corners
             .iter()

@@ -3,6 +3,7 @@
 //! - [`Scene`]: `SCENE.toml` and everything it names, read and checked before anything is rendered.
 //! - [`SceneFrame`]: camera, bodies and Sun of one frame, as the renderer takes them.
 //! - [`Scene::truth`]: the ground truth of a frame, schema `retina.truth/1`.
+//! - [`Scene::sky`]: the stars and planets of a frame.
 //! - [`Scene::brightest_frames`]: where the brightest pixel of the sequence is to be looked for.
 
 mod brightness;
@@ -10,12 +11,15 @@ mod checks;
 mod file;
 mod frame;
 mod inside;
+mod occult;
 mod photometry;
 mod read;
 mod scene;
 mod sequence;
+mod sky;
 mod truth;
 
 pub use file::{Compensation, Layer};
 pub use frame::SceneFrame;
 pub use scene::{BodyParts, Display, Output, RadianceScale, Scene, SceneBody, SceneInput, SceneParts};
+pub use sky::{DisplayedPoint, PlanetPoint, ShownPoint, SkyPoint, Stars};

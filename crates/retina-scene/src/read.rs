@@ -1,17 +1,22 @@
 //! `SCENE.toml` and everything it names, read and resolved.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::DVec3;
 use retina_files::{InputError, hash_bytes, hash_file, parse_toml, read_text};
 use retina_geometry::{Calibration, Distortion, Setup};
 use retina_model::{external_files, load_body};
 use retina_render::Quality;
+use retina_screen::Quantisation;
+use retina_sky::catalogue::StarCatalogue;
 
-use crate::file::{BodyTable, Compensation, QualityName, ScaleKey, SceneFile, Shading};
+use crate::file::{
+    BodyTable, Compensation, QualityName, QuantisationName, ScaleKey, SceneFile, Shading, StarsTable,
+};
 use crate::photometry::photometry;
 use crate::scene::{BodyParts, Display, Output, RadianceScale, Scene, SceneInput, SceneParts};
-use crate::sequence;
+use crate::{Stars, sequence};
 
 /// Mean radius of the Moon's reference sphere, m (IAU).
 const MOON_RADIUS_M: f64 = 1_737_400.0;
@@ -32,11 +37,6 @@ impl Scene {
                 .found(format!("`{}`", file.schema))
                 .expected("`retina.scene/1`"));
         }
-        if file.stars.is_some() {
-            return Err(InputError::new(path, "this version draws no stars")
-                .at("table `stars`")
-                .help("remove the table [stars]; bodies alone can be rendered"));
-        }
         let folder = path.parent().unwrap_or(Path::new(""));
         let mut inputs = vec![SceneInput { role: "scene".into(), hash: hash_bytes(text.as_bytes()) }];
         let mut input = |role: String, hash: String| inputs.push(SceneInput { role, hash });
@@ -47,7 +47,7 @@ impl Scene {
         let distortion = distortion(path, &file, &setup, &mut input)?;
         check_names(path, &file.body)?;
         let names: Vec<String> = file.body.iter().map(|body| body.name.clone()).collect();
-        let (trajectory, hash) = sequence::trajectory(path, &file.trajectory, &names)?;
+        let (trajectory, hash) = sequence::trajectory(path, &file, &names, &setup)?;
         input("trajectory".into(), hash);
 
         let mut bodies = Vec::new();
@@ -60,6 +60,8 @@ impl Scene {
                 input(format!("body {}: {name}", table.name), hash_file(&external)?);
             }
         }
+        let stars =
+            file.stars.as_ref().map(|table| read_stars(path, folder, table, &mut input)).transpose()?;
         let layers = file.output.layers.clone();
         Self::assemble(SceneParts {
             file: path.to_path_buf(),
@@ -73,17 +75,52 @@ impl Scene {
             compensation: file.compensation.mode,
             distortion,
             bodies,
+            stars,
             quality: match file.render.quality {
                 QualityName::Draft => Quality::Draft,
                 QualityName::Default => Quality::Default,
                 QualityName::Best => Quality::Best,
             },
-            output: Output { exr: file.output.radiance_exr || !layers.is_empty(), layers },
+            output: Output {
+                exr: file.output.radiance_exr || !layers.is_empty(),
+                layers,
+                quantisation: match file.output.quantisation {
+                    QuantisationName::Nearest => Quantisation::Nearest,
+                    QuantisationName::Diffused => Quantisation::Diffused,
+                },
+            },
             seed: file.seed,
             allow_empty_frames: file.allow_empty_frames,
             inputs,
         })
     }
+}
+
+/// Stars of these magnitudes exist; what a screen shows of them is another matter.
+const FAINTEST_MAGNITUDES: std::ops::RangeInclusive<f64> = -30.0..=30.0;
+
+fn read_stars(
+    path: &Path,
+    folder: &Path,
+    table: &StarsTable,
+    input: &mut impl FnMut(String, String),
+) -> Result<Stars, InputError> {
+    if !FAINTEST_MAGNITUDES.contains(&table.faintest_magnitude) {
+        return Err(InputError::new(path, "the faintest magnitude does not fit")
+            .at("key `stars.faintest_magnitude`")
+            .found(table.faintest_magnitude)
+            .expected("a magnitude, 8.25 for instance"));
+    }
+    let catalogue = match &table.catalogue {
+        None => None,
+        Some(file) => {
+            let file = folder.join(file);
+            let catalogue = StarCatalogue::read(&file)?;
+            input("catalogue".into(), hash_file(&file)?);
+            Some(Arc::new(catalogue))
+        }
+    };
+    Ok(Stars { catalogue, faintest_magnitude: table.faintest_magnitude, planets: table.planets })
 }
 
 /// D, where the scene compensates; a calibration that is named is read in any case.

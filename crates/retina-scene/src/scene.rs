@@ -8,11 +8,13 @@ use retina_geometry::{Distortion, Pinhole, Setup};
 use retina_model::Body;
 use retina_radiometry::Photometry;
 use retina_render::{BodyModel, Quality};
-use retina_screen::PlainDisplay;
+use retina_screen::{PlainDisplay, Quantisation};
 use retina_sky::Trajectory;
 
+use crate::Stars;
 use crate::checks;
 use crate::file::{Compensation, Layer};
+use crate::occult::Occulter;
 
 /// A frame's name has six digits.
 const MOST_FRAMES: usize = 1_000_000;
@@ -36,6 +38,8 @@ pub struct Scene {
     pub distortion: Option<Distortion>,
     /// The bodies, in the file's order.
     pub bodies: Vec<SceneBody>,
+    /// Stars and planets, where they are shown.
+    pub stars: Option<Stars>,
     /// How finely a frame is sampled.
     pub quality: Quality,
     /// Beside the screen images.
@@ -47,6 +51,7 @@ pub struct Scene {
     /// Every file that the frames depend on.
     pub inputs: Vec<SceneInput>,
     pub(crate) models: Vec<BodyModel>,
+    pub(crate) occulters: Vec<Occulter>,
 }
 
 /// What shows a scene.
@@ -72,6 +77,7 @@ pub struct SceneParts {
     pub compensation: Compensation,
     pub distortion: Option<Distortion>,
     pub bodies: Vec<BodyParts>,
+    pub stars: Option<Stars>,
     pub quality: Quality,
     pub output: Output,
     pub seed: u64,
@@ -110,6 +116,8 @@ pub struct Output {
     pub exr: bool,
     /// Further layers of the EXR.
     pub layers: Vec<Layer>,
+    /// How a body's light is rounded to digital counts.
+    pub quantisation: Quantisation,
 }
 
 /// A body of the scene, without its mesh.
@@ -163,7 +171,7 @@ impl Scene {
             bodies.push(body);
             models.push(model);
         }
-        let scene = Self {
+        let mut scene = Self {
             file: parts.file,
             image: parts.image,
             display: parts.display,
@@ -178,7 +186,10 @@ impl Scene {
             allow_empty_frames: parts.allow_empty_frames,
             inputs: parts.inputs,
             models,
+            stars: parts.stars,
+            occulters: Vec::new(),
         };
+        scene.find_occulters();
         checks::all_frames(&scene)?;
         Ok(scene)
     }

@@ -5,12 +5,13 @@ use retina_geometry::{LimbEllipse, limb_ellipse};
 use retina_sky::time::format_epoch_tdb;
 use serde_json::{Map, Value, json};
 
-use crate::{Scene, SceneFrame};
+use crate::{Scene, SceneFrame, ShownPoint};
 
 impl Scene {
-    /// The ground truth of a frame shown at `radiance_scale`, as the JSON document's value.
+    /// The ground truth of a frame shown at `radiance_scale`, with the point sources that were drawn, as
+    /// the JSON document's value.
     /// Numbers are printed so that reading them gives the same bits.
-    pub fn truth(&self, frame: &SceneFrame, radiance_scale: f64) -> Value {
+    pub fn truth(&self, frame: &SceneFrame, radiance_scale: f64, stars: &[ShownPoint]) -> Value {
         let image = self.image;
         let mut bodies = Map::new();
         for ((body, at), turn) in self.bodies.iter().zip(&frame.bodies).zip(&frame.camera_from_body) {
@@ -43,9 +44,33 @@ impl Scene {
             "compensation": self.compensation.name(),
             "radiance_scale": radiance_scale,
             "bodies": bodies,
-            "stars": [],
+            "camera_position_m": frame.camera_position_m.to_array(),
+            "camera_velocity_m_s": frame.camera_velocity_m_s.map(|v| v.to_array()),
+            "stars": stars.iter().map(star).collect::<Vec<Value>>(),
         })
     }
+}
+
+fn star(shown: &ShownPoint) -> Value {
+    let mut entry = json!({
+        "id": shown.point.id,
+        "magnitude": shown.point.magnitude,
+        "line_of_sight": shown.point.line_of_sight.to_array(),
+        "screen_px": shown.screen_px.to_array(),
+        "wanted_magnitude": shown.wanted_magnitude,
+        "displayed_px": shown.displayed.map(|d| d.barycentre_px.to_array()),
+        "displayed_magnitude": shown.displayed.map(|d| d.magnitude),
+        "pixels": shown.displayed.map_or(0, |d| d.pixels),
+        "blended": shown.displayed.is_some_and(|d| d.blended),
+    });
+    if let (Some(planet), Some(entry)) = (shown.point.planet, entry.as_object_mut()) {
+        entry.insert("distance_m".into(), json!(planet.distance_m));
+        entry.insert("phase_deg".into(), json!(planet.phase_rad.to_degrees()));
+        let diameter_arcsec = 2.0 * planet.angular_radius_rad.to_degrees() * 3600.0;
+        entry.insert("angular_diameter_arcsec".into(), json!(diameter_arcsec));
+        entry.insert("magnitude_extrapolated".into(), json!(planet.magnitude_extrapolated));
+    }
+    entry
 }
 
 fn ellipse(limb: LimbEllipse) -> Value {

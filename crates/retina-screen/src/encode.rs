@@ -3,6 +3,8 @@
 use retina_geometry::Setup;
 use retina_radiometry::ScreenResponse;
 
+use crate::{Quantisation, quantise};
+
 /// Count at which the brightest pixel of a sequence with an automatic radiance scale is shown.
 const BRIGHTEST_COUNT: u8 = 254;
 
@@ -10,6 +12,7 @@ const BRIGHTEST_COUNT: u8 = 254;
 #[derive(Debug, Clone)]
 pub struct ScreenEncoder {
     response: ScreenResponse,
+    width_px: u32,
     pixel_sr: f64,
 }
 
@@ -27,6 +30,7 @@ impl ScreenEncoder {
     pub fn new(setup: &Setup) -> Self {
         Self {
             response: ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude()),
+            width_px: setup.screen.width_px,
             pixel_sr: setup.facility_pinhole().boresight_pixel_sr(),
         }
     }
@@ -46,26 +50,27 @@ impl ScreenEncoder {
     ///
     /// # Errors
     /// The number of pixels that are not finite.
-    pub fn encode(&self, radiance: &[f32], radiance_scale: f64) -> Result<Encoded, usize> {
+    pub fn encode(
+        &self,
+        radiance: &[f32],
+        radiance_scale: f64,
+        quantisation: Quantisation,
+    ) -> Result<Encoded, usize> {
         let not_finite = radiance.iter().filter(|value| !value.is_finite()).count();
         if not_finite > 0 {
             return Err(not_finite);
         }
         let factor = radiance_scale * self.pixel_sr;
+        let wanted: Vec<f32> =
+            radiance.iter().map(|&value| (f64::from(value.max(0.0)) * factor) as f32).collect();
         let brightest = self.response.brightest_w_m2_nm();
         let half_step = 0.5 * (brightest - self.response.irradiance_w_m2_nm([254; 3]));
-        let mut saturated_px = 0;
-        let counts = radiance
-            .iter()
-            .map(|&value| {
-                if value <= 0.0 {
-                    return 0;
-                }
-                let wanted = f64::from(value) * factor;
-                saturated_px += u64::from(wanted > brightest + half_step);
-                self.response.nearest_count(wanted as f32)
-            })
-            .collect();
+        let most = (brightest + half_step) as f32;
+        let saturated_px = wanted.iter().filter(|&&wanted| wanted > most).count() as u64;
+        let counts = match quantisation {
+            Quantisation::Nearest => quantise::nearest(&self.response, &wanted),
+            Quantisation::Diffused => quantise::diffused(&self.response, &wanted, self.width_px as usize),
+        };
         Ok(Encoded { counts, saturated_px })
     }
 }

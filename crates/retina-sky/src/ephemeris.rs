@@ -1,4 +1,5 @@
-//! Sun, Earth and Moon from analytical theories, without a kernel, in ICRF metres.
+//! Sun, Earth and Moon from analytical theories, without a kernel, in ICRF metres (the planets: see
+//! [`crate::planets`]).
 //!
 //! - Earth: SOFA's `epv00` (a reduced VSOP2000 fitted to DE405). Against DE405 over 1900-2100 the
 //!   heliocentric position is off by 3.7 km rms and 11.2 km at most, the barycentric one by 4.6
@@ -22,7 +23,7 @@ pub const ASTRONOMICAL_UNIT_M: f64 = 149_597_870_700.0;
 /// The speed of light in vacuum, metres a second.
 pub const LIGHT_SPEED_M_S: f64 = 299_792_458.0;
 /// Obliquity of the ecliptic at J2000, radians (IAU 2006: 84381.406 arcsec).
-const OBLIQUITY_RAD: f64 = 84_381.406 * std::f64::consts::PI / 648_000.0;
+pub(crate) const OBLIQUITY_RAD: f64 = 84_381.406 * std::f64::consts::PI / 648_000.0;
 
 /// An epoch for which the theories do not hold.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -155,13 +156,13 @@ fn elongation_rad(tdb_s: f64) -> Result<f64, EphemerisError> {
 }
 
 /// Longitude along the ecliptic of J2000.
-fn ecliptic_longitude_rad(vector: DVec3) -> f64 {
+pub(crate) fn ecliptic_longitude_rad(vector: DVec3) -> f64 {
     let (sin, cos) = OBLIQUITY_RAD.sin_cos();
     (vector.y * cos + vector.z * sin).atan2(vector.x)
 }
 
 /// An error unless the epoch lies in 1900-2100, where the theories were fitted.
-fn check(tdb_s: f64) -> Result<(), EphemerisError> {
+pub(crate) fn check(tdb_s: f64) -> Result<(), EphemerisError> {
     if tdb_s.abs() <= CENTURY_D * DAY_S { Ok(()) } else { Err(EphemerisError { tdb_s }) }
 }
 

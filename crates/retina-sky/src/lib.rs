@@ -4,16 +4,25 @@
 //! - [`ephemeris`]: Sun, Earth and Moon without a kernel, in ICRF metres, 1900-2100.
 //! - [`orientation`]: IAU (WGCCRE) body-fixed axes.
 //! - [`trajectory`]: the trajectory table, one row a frame.
+//! - [`observer`]: from a geometric to an apparent direction: light deflection and aberration.
+//! - [`catalogue`]: stars, and those in a cone as a camera sees them.
+//! - [`planets`]: planets and the Moon as a camera sees them; [`magnitude`]: how bright they are.
+//! - [`deep_space`]: random poses among the planets.
 //! - [`halo`]: a LUMIO-like quasi-halo about the Earth-Moon L2 point.
 //!
 //! Lengths are metres, times TDB seconds since J2000, angles radians; inertial axes are ICRF.
 //! A quaternion `target_from_source` takes `v_target = q * v_source`.
 
+pub mod catalogue;
 mod cr3bp;
+pub mod deep_space;
 pub mod ephemeris;
 pub mod halo;
+pub mod magnitude;
+pub mod observer;
 mod ode;
 pub mod orientation;
+pub mod planets;
 pub mod time;
 pub mod trajectory;
 

@@ -4,7 +4,8 @@
 //! angle W, in degrees, d days and T Julian centuries of TDB after J2000:
 //! the Moon's from Archinal et al. (2018), "Report of the IAU WGCCRE: 2015", table 2, all
 //! terms (mean Earth/polar axis, within some 150 m of the integrated DE axes); the Earth's from the
-//! 2009 report (no nutation, UT1 or polar motion: about 0.05 deg about the axis).
+//! 2009 report (no nutation, UT1 or polar motion: about 0.05 deg about the axis). Those of Mars,
+//! Saturn and Uranus, of the 2009 report too, serve their magnitudes.
 
 use glam::DQuat;
 
@@ -74,6 +75,25 @@ impl RotationalElements {
         let d = tdb_s / DAY_S;
         let t = d / CENTURY_D;
         Self::from_degrees(-0.641 * t, 90.0 - 0.557 * t, 190.147 + 360.985_623_5 * d)
+    }
+
+    /// The elements of Mars at an epoch (TDB seconds since J2000), of the 2009 report (good to 0.1 deg).
+    pub fn mars(tdb_s: f64) -> Self {
+        let d = tdb_s / DAY_S;
+        let t = d / CENTURY_D;
+        Self::from_degrees(317.681_43 - 0.1061 * t, 52.886_50 - 0.0609 * t, 176.630 + 350.891_982_26 * d)
+    }
+
+    /// The elements of Saturn at an epoch (TDB seconds since J2000); W is that of its radio emission.
+    pub fn saturn(tdb_s: f64) -> Self {
+        let d = tdb_s / DAY_S;
+        let t = d / CENTURY_D;
+        Self::from_degrees(40.589 - 0.036 * t, 83.537 - 0.004 * t, 38.90 + 810.793_902_4 * d)
+    }
+
+    /// The elements of Uranus at an epoch (TDB seconds since J2000); W is that of its magnetic field.
+    pub fn uranus(tdb_s: f64) -> Self {
+        Self::from_degrees(257.311, -15.175, 203.81 - 501.160_092_8 * tdb_s / DAY_S)
     }
 
     fn from_degrees(alpha0: f64, delta0: f64, w: f64) -> Self {
@@ -168,5 +188,17 @@ mod tests {
         let off_deg = (-equinox.y).atan2(equinox.x).to_degrees() - expected_deg;
         assert!(off_deg.abs() < 0.1, "{off_deg}");
         assert!(body_from_inertial("phobos", 0.0).is_none());
+    }
+
+    #[test]
+    fn poles_of_the_ringed_and_the_tilted_planet_are_skyfields() {
+        // Skyfield 1.55, magnitudelib: north poles of Saturn and Uranus after the IAU, ICRF.
+        for (elements, expected) in [
+            (RotationalElements::saturn(0.0), DVec3::new(0.085_478_83, 0.073_235_76, 0.993_644_75)),
+            (RotationalElements::uranus(0.0), DVec3::new(-0.211_999_58, -0.941_559_16, -0.261_768_09)),
+        ] {
+            let pole = elements.body_from_inertial().inverse() * DVec3::Z;
+            assert!((pole - expected).length() < 2e-8, "{pole}");
+        }
     }
 }

@@ -1,0 +1,209 @@
+//! Stars and planets on the screen: where, how bright, hidden by bodies, and what is refused.
+
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
+
+mod common;
+
+use std::fs;
+
+use common::{AU_M, DISTANCE_M, FOCAL_PX, Fixture, HEADER, RADIUS_M, assert_done, assert_refused, counts};
+use serde_json::Value;
+
+const CATALOGUE: &str = "id,ra_deg,dec_deg,pm_ra_mas_yr,pm_dec_mas_yr,parallax_mas,v_mag,b_v\n";
+const SCENE: &str = r#"schema = "retina.scene/1"
+setup = "setup.toml"
+trajectory = "poses.csv"
+[stars]
+faintest_magnitude = 9.0
+catalogue = "stars.csv"
+planets = false
+"#;
+/// J1991.25, TDB seconds since J2000: proper motion is nil.
+const EPOCH_S: f64 = -8.75 * 365.25 * 86_400.0;
+
+/// A star `off_deg` from the north celestial pole, which the camera looks at: image x is right
+/// ascension 0, y is 90 deg.
+fn star(id: &str, ra_deg: f64, off_deg: f64, magnitude: f64) -> String {
+    format!("{id},{ra_deg},{},0,0,0,{magnitude},\n", 90.0 - off_deg)
+}
+
+/// A scene of stars seen from 1 au.
+fn fixture(stars: &[String]) -> Fixture {
+    let fixture = Fixture::new();
+    fixture.write("scene.toml", SCENE);
+    fixture.write("poses.csv", &format!("{HEADER}\n{EPOCH_S},{AU_M},0,0,1,0,0,0,0,0,0\n"));
+    fixture.write("stars.csv", &format!("{CATALOGUE}{}", stars.concat()));
+    fixture
+}
+
+fn truth(fixture: &Fixture) -> Value {
+    serde_json::from_slice(&fs::read(fixture.path("out/truth/000000.json")).unwrap()).unwrap()
+}
+
+fn pair(value: &Value) -> [f64; 2] {
+    [0, 1].map(|k| value[k].as_f64().unwrap())
+}
+
+#[test]
+fn a_star_stands_where_the_pinhole_has_it_and_is_as_bright() {
+    let fixture =
+        fixture(&[star("a", 30.0, 2.5, 1.0), star("b", 200.0, 1.0, 4.0), star("off", 0.0, 30.0, 0.0)]);
+    assert_done(&fixture.render("out", &[]));
+    let truth = truth(&fixture);
+    assert_eq!(truth["radiance_scale"], 1.0, "stars alone are shown as bright as they are");
+    let stars = truth["stars"].as_array().unwrap();
+    assert_eq!(stars.iter().map(|s| s["id"].as_str().unwrap()).collect::<Vec<_>>(), ["a", "b"]);
+    let tan = 2.5f64.to_radians().tan();
+    let turn = 30f64.to_radians();
+    let expected = [80.0 + FOCAL_PX * tan * turn.cos(), 50.0 + FOCAL_PX * tan * turn.sin()];
+    let (wanted, shown) = (pair(&stars[0]["screen_px"]), pair(&stars[0]["displayed_px"]));
+    for axis in 0..2 {
+        // Light deflection at right angles to the Sun is 4 mas: 2e-5 px.
+        assert!((wanted[axis] - expected[axis]).abs() < 5e-5, "{wanted:?} {expected:?}");
+        assert!((shown[axis] - wanted[axis]).abs() < 0.03);
+    }
+    assert!((stars[0]["displayed_magnitude"].as_f64().unwrap() - 1.0).abs() < 0.01);
+
+    // The counts themselves: gamma 2.2, 255 is magnitude -1.44 on the boresight, cos^3 off it.
+    let image = counts(&fixture.path("out/frames/000000.png"));
+    let (mut light, mut moment) = (0.0, [0.0; 2]);
+    for (i, &count) in image.iter().enumerate() {
+        let at = [(i % 160) as f64 + 0.5, (i / 160) as f64 + 0.5];
+        if count > 0 && (at[0] - wanted[0]).hypot(at[1] - wanted[1]) < 3.0 {
+            let r2 = ((at[0] - 80.0).powi(2) + (at[1] - 50.0).powi(2)) / FOCAL_PX.powi(2);
+            let pixel = (f64::from(count) / 255.0).powf(2.2) * (1.0 + r2).powf(-1.5);
+            light += pixel;
+            moment = [moment[0] + pixel * at[0], moment[1] + pixel * at[1]];
+        }
+    }
+    let magnitude = -1.44 - 2.5 * light.log10();
+    assert!((magnitude - stars[0]["displayed_magnitude"].as_f64().unwrap()).abs() < 1e-9);
+    assert!((moment[0] / light - shown[0]).hypot(moment[1] / light - shown[1]) < 1e-9);
+}
+
+#[test]
+fn compensation_moves_a_star_to_where_the_facility_shows_it_right() {
+    let fixture = fixture(&[star("a", 30.0, 2.5, 1.0)]);
+    for mode in ["direct", "resample"] {
+        let table = format!("[compensation]\nmode = \"{mode}\"\ncalibration = \"calibration.toml\"\n[stars]");
+        fixture.write("scene.toml", &SCENE.replace("[stars]", &table));
+        assert_done(&fixture.render("out", &[]));
+        let shown = pair(&truth(&fixture)["stars"][0]["displayed_px"]);
+        // The calibration's D: r = r_u (1 + 12 |r_u|^2).
+        let undistorted = [(shown[0] - 80.0) / FOCAL_PX, (shown[1] - 50.0) / FOCAL_PX];
+        let stretch = 1.0 + 12.0 * (undistorted[0].powi(2) + undistorted[1].powi(2));
+        let tan = 2.5f64.to_radians().tan();
+        let turn = 30f64.to_radians();
+        let off_px =
+            (undistorted[0] * stretch - tan * turn.cos()).hypot(undistorted[1] * stretch - tan * turn.sin());
+        assert!(off_px * FOCAL_PX < 0.03, "{mode}: {off_px}");
+        fs::remove_dir_all(fixture.path("out")).unwrap();
+    }
+}
+
+/// [`fixture`] with the rock before the camera.
+fn with_rock(stars: &[String]) -> Fixture {
+    let fixture = fixture(stars);
+    fixture.write(
+        "scene.toml",
+        &format!("{}[stars]\ncatalogue = \"stars.csv\"\nplanets = false\n", common::SCENE),
+    );
+    let columns = "rock_x_m,rock_y_m,rock_z_m,rock_from_inertial_w,rock_from_inertial_x,rock_from_inertial_y,rock_from_inertial_z";
+    fixture.write(
+        "poses.csv",
+        &format!("{HEADER},{columns}\n{EPOCH_S},{AU_M},0,0,1,0,0,0,0,0,0,{AU_M},0,{DISTANCE_M},1,0,0,0\n"),
+    );
+    fixture
+}
+
+#[test]
+fn a_body_hides_stars_and_the_others_take_its_radiance_scale() {
+    let limb_deg = (RADIUS_M / DISTANCE_M).asin().to_degrees();
+    let fixture = with_rock(&[
+        star("behind", 10.0, 0.5 * limb_deg, -3.0),
+        star("just-behind", 130.0, 0.985 * limb_deg, -3.0),
+        star("just-beside", 130.0, 1.005 * limb_deg, -3.0),
+        star("beside", 250.0, 1.2 * limb_deg, -3.0),
+    ]);
+    assert_done(&fixture.render("out", &[]));
+    let truth = truth(&fixture);
+    let scale = truth["radiance_scale"].as_f64().unwrap();
+    assert!(scale < 0.5);
+    let stars = truth["stars"].as_array().unwrap();
+    let mut seen: Vec<&str> = stars.iter().map(|s| s["id"].as_str().unwrap()).collect();
+    seen.sort_unstable();
+    assert_eq!(seen, ["beside", "just-beside"]);
+    for star in stars {
+        let wanted = -3.0 - 2.5 * scale.log10();
+        assert!((star["wanted_magnitude"].as_f64().unwrap() - wanted).abs() < 1e-9);
+        assert!((star["displayed_magnitude"].as_f64().unwrap() - wanted).abs() < 0.1);
+    }
+}
+
+#[test]
+fn deep_space_poses_show_their_planet_and_are_the_same_again() {
+    let fixture = fixture(&[]);
+    let scene = SCENE.replace("\"poses.csv\"", "{ kind = \"deep-space\", frames = 3, planets = [\"mars\"] }");
+    fixture.write(
+        "scene.toml",
+        &scene.replace("catalogue = \"stars.csv\"\nplanets = false\n", "").replace("9.0", "12.0"),
+    );
+    assert_done(&fixture.render("out", &[]));
+    assert_done(&fixture.render("again", &["--frames", "1..2"]));
+    for frame in 0..3 {
+        let path = fixture.path(&format!("out/truth/{frame:06}.json"));
+        let truth: Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
+        let stars = truth["stars"].as_array().unwrap();
+        let mars = stars.iter().find(|star| star["id"] == "mars").unwrap();
+        assert!(mars["distance_m"].as_f64().unwrap() > 1e9 && mars["magnitude_extrapolated"].is_boolean());
+    }
+    let image = |dir: &str| fs::read(fixture.path(&format!("{dir}/frames/000001.png"))).unwrap();
+    assert_eq!(image("out"), image("again"));
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let refused = |spoil: &dyn Fn(&Fixture), words: &[&str]| {
+        let fixture = fixture(&[star("a", 30.0, 2.5, 1.0)]);
+        spoil(&fixture);
+        assert_refused(&fixture.render("out", &[]), words);
+        assert!(!fixture.path("out").exists());
+    };
+    refused(
+        &|f| f.write("stars.csv", &format!("{CATALOGUE}a,10,20,0,0,0,3.0,\nb,10,bright,0,0,0,3.0,\n")),
+        &["stars.csv", "line 3", "dec_deg", "bright"],
+    );
+    refused(
+        &|f| f.write("stars.csv", &format!("{CATALOGUE}a,10,95,0,0,0,3.0,\n")),
+        &["stars.csv", "line 2", "dec_deg", "95"],
+    );
+    refused(&|f| f.edit("scene.toml", "9.0", "nan"), &["scene.toml", "stars.faintest_magnitude", "8.25"]);
+    refused(
+        &|f| f.edit("scene.toml", "faintest_magnitude", "faintest"),
+        &["scene.toml", "faintest_magnitude"],
+    );
+    refused(
+        &|f| f.edit("poses.csv", &format!("{EPOCH_S}"), "4e9"),
+        &["poses.csv", "line 2", "frame 0", "2126", "1900 to 2100"],
+    );
+    let kind = |f: &Fixture, table: &str| f.edit("scene.toml", "\"poses.csv\"", table);
+    refused(
+        &|f| kind(f, "{ kind = \"deep-space\", frames = 3, step_s = 2.0 }"),
+        &["scene.toml", "trajectory.step_s", "no such key"],
+    );
+    refused(
+        &|f| kind(f, "{ kind = \"deep-space\", frames = 3, planets = [\"vulcan\"] }"),
+        &["scene.toml", "trajectory.planets", "`vulcan`", "mercury"],
+    );
+    refused(
+        &|f| kind(f, "{ kind = \"deep-space\", frames = 3, from = \"2300-01-01\", until = \"2301-01-01\" }"),
+        &["scene.toml", "trajectory", "1900 to 2100"],
+    );
+    // A body of a scene with stars has a place.
+    let fixture = with_rock(&[star("a", 30.0, 2.5, 1.0)]);
+    fixture.write("poses.csv", &format!("{HEADER}\n{EPOCH_S},{AU_M},0,0,1,0,0,0,0,0,0\n"));
+    assert_refused(
+        &fixture.render("out", &[]),
+        &["poses.csv", "where the body `rock` is", "rock_x_m", "barycentre"],
+    );
+}

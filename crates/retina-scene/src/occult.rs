@@ -1,0 +1,91 @@
+//! Which point sources a scene's bodies hide.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use retina_model::Body;
+use retina_render::BodyState;
+
+use crate::inside::{is_inside, meets};
+
+/// The outline of a body, as far as it hides what is behind.
+#[derive(Debug, Clone)]
+pub(crate) struct Occulter {
+    corners_m: Vec<Vec3>,
+    triangles: Vec<[u32; 3]>,
+    /// A sphere about the centre that is wholly inside the body, m; 0 where there is none.
+    inner_radius_m: f64,
+    outer_radius_m: f64,
+}
+
+impl Occulter {
+    pub(crate) fn of(shape: &Body, outer_radius_m: f64) -> Self {
+        // The plane of a triangle is never farther than the triangle: the radius is a safe one.
+        let nearest_plane_m = || {
+            (0..shape.triangles.len())
+                .filter_map(|triangle| {
+                    let [a, b, c] = shape.corners_m(triangle);
+                    (b - a).cross(c - a).try_normalize().map(|normal| normal.dot(a).abs())
+                })
+                .fold(f64::INFINITY, f64::min)
+        };
+        let about_centre = shape.is_closed() && is_inside(shape, DVec3::ZERO);
+        Self {
+            corners_m: shape.vertices.iter().map(|vertex| vertex.position_m.as_vec3()).collect(),
+            triangles: shape.triangles.clone(),
+            inner_radius_m: if about_centre { nearest_plane_m() } else { 0.0 },
+            outer_radius_m,
+        }
+    }
+
+    /// Whether the body hides a source in a direction (unit vector, camera axes) at a distance, m.
+    pub(crate) fn hides(&self, at: &BodyState, direction_camera: DVec3, distance_m: f64) -> bool {
+        let along_m = at.position_camera_m.dot(direction_camera);
+        let miss_m = at.position_camera_m.cross(direction_camera).length();
+        // The camera is outside the body, so what is nearer than its near side is in front of it.
+        if along_m <= -self.outer_radius_m
+            || miss_m >= self.outer_radius_m
+            || distance_m <= along_m - self.outer_radius_m
+        {
+            return false;
+        }
+        if along_m > 0.0 && miss_m < self.inner_radius_m {
+            return true;
+        }
+        let body_from_camera = at.camera_from_body.transpose();
+        let camera_m = -(body_from_camera * at.position_camera_m);
+        let direction = body_from_camera * direction_camera;
+        self.triangles.par_iter().any(|corners| {
+            let corners_m = corners.map(|corner| self.corners_m[corner as usize].as_dvec3());
+            meets(corners_m, camera_m, direction).is_some_and(|met| met.distance < distance_m)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inside::tests::octahedron;
+    use glam::DMat3;
+
+    #[test]
+    fn an_octahedron_hides_what_is_behind_its_outline() {
+        // Corners on the axes at 1 m; from far along z its outline is the square |x| + |y| <= 1.
+        let occulter = Occulter::of(&octahedron(), 1.0);
+        assert!((occulter.inner_radius_m - 1.0 / 3f64.sqrt()).abs() < 1e-6);
+        let distance_m = 1e5;
+        let state = BodyState {
+            position_camera_m: DVec3::new(0.0, 0.0, distance_m),
+            camera_from_body: DMat3::IDENTITY,
+            sun_position_body_m: DVec3::X * 1e11,
+        };
+        let towards = |x: f64, y: f64| DVec3::new(x, y, distance_m).normalize();
+        for (x, y) in [(0.0, 0.1), (0.3, 0.6), (0.499, 0.499), (-0.97, 0.01), (0.49, -0.49)] {
+            assert!(occulter.hides(&state, towards(x, y), f64::INFINITY), "{x} {y}");
+            assert!(!occulter.hides(&state, -towards(x, y), f64::INFINITY), "behind the camera");
+            assert!(!occulter.hides(&state, towards(x, y), distance_m - 2.0), "in front of the body");
+        }
+        for (x, y) in [(0.51, 0.51), (0.9, 0.2), (-0.99, 0.02), (2.0, 0.0)] {
+            assert!(!occulter.hides(&state, towards(x, y), f64::INFINITY), "{x} {y}");
+        }
+    }
+}
