@@ -46,6 +46,11 @@ fn shade_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
             edge = edge || seen(corner + vec2<i32>(x, y)) - range.x >= range.y;
         }
     }
+    // A body of a few pixels may slip between all samples.
+    for (var small = 0u; small < frame.body_count; small++) {
+        let disc = bodies[small].small_disc_px;
+        edge = edge || distance(vec2<f32>(at) + 0.5, disc.xy) < disc.z;
+    }
     if edge {
         list_pixel(LIST_EDGE, pixel);
         return;

@@ -64,6 +64,9 @@ struct Body {
     law_a: vec4<f32>,
     law_b: vec4<f32>,
     phase_coefficients: vec4<f32>,
+    /// Where a body of a few pixels is, x and y, and the radius about it within which every pixel is
+    /// sampled by rays; 0 for a larger body.
+    small_disc_px: vec4<f32>,
 }
 
 /// A node of the bounding volume hierarchy, depth-first; no stack is needed to walk it.

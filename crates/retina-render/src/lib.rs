@@ -9,6 +9,7 @@
 mod cpu;
 mod frame;
 mod gpu;
+mod small;
 
 pub use cpu::{CpuRenderer, CpuSampling};
 pub use frame::{BodyModel, BodyState, FrameState, PLANE_NAMES, Planes, Quality, RadianceImage, RenderError};

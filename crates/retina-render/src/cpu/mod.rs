@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use retina_radiometry::{Geometry, sun_angular_radius_rad, sun_irradiance_w_m2_nm};
 
 use crate::frame::contrast_reference;
+use crate::small::{Window, small_disc};
 use crate::{BodyModel, FrameState, Planes, Quality, RadianceImage};
 use texture::Pyramid;
 use tree::Tree;
@@ -104,6 +105,19 @@ impl CpuRenderer {
 
     /// Renders a frame.
     pub fn render(&self, state: &FrameState) -> RadianceImage {
+        let radii_m: Vec<f64> = self.bodies.iter().map(|body| body.bounding_radius_m).collect();
+        match Window::of(state, &radii_m) {
+            Some((window, enlarged)) => window.place(&self.render_as_is(&enlarged, &radii_m)),
+            None => self.render_as_is(state, &radii_m),
+        }
+    }
+
+    fn render_as_is(&self, state: &FrameState, radii_m: &[f64]) -> RadianceImage {
+        let small: Vec<(DVec2, f64)> = radii_m
+            .iter()
+            .enumerate()
+            .filter_map(|(body, &radius_m)| small_disc(state, body, radius_m))
+            .collect();
         let placed: Vec<Placed<'_>> = self
             .bodies
             .iter()
@@ -131,7 +145,7 @@ impl CpuRenderer {
             .map(|y| {
                 let mut row = vec![0f32; width * planes];
                 for x in 0..width {
-                    let values = self.pixel(state, &placed, DVec2::new(x as f64, y as f64));
+                    let values = self.pixel(state, &placed, &small, DVec2::new(x as f64, y as f64));
                     for (plane, value) in values.iter().take(planes).enumerate() {
                         row[plane * width + x] = *value as f32;
                     }
@@ -150,7 +164,13 @@ impl CpuRenderer {
     }
 
     /// Mean over a pixel of the planes of [`crate::PLANE_NAMES`].
-    fn pixel(&self, state: &FrameState, placed: &[Placed<'_>], corner: DVec2) -> [f64; 11] {
+    fn pixel(
+        &self,
+        state: &FrameState,
+        placed: &[Placed<'_>],
+        small: &[(DVec2, f64)],
+        corner: DVec2,
+    ) -> [f64; 11] {
         // The corners are looked at too: an edge that only clips the pixel counts.
         let sight = |offset: DVec2| {
             let undistorted = state.image.line_of_sight(corner + offset);
@@ -160,7 +180,9 @@ impl CpuRenderer {
         let first = corner_body(DVec2::new(0.5, 0.5));
         let edge = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
             .iter()
-            .any(|&(x, y)| corner_body(DVec2::new(x, y)) != first);
+            .any(|&(x, y)| corner_body(DVec2::new(x, y)) != first)
+            // A body of a few pixels may slip between all of them.
+            || small.iter().any(|(at, radius_px)| at.distance(corner + 0.5) < radius_px + 1.0);
         if !edge && first == 0 {
             return [0.0; 11];
         }

@@ -55,6 +55,7 @@ pub(crate) struct Body {
     pub law_a: [f32; 4],
     pub law_b: [f32; 4],
     pub phase_coefficients: [f32; 4],
+    pub small_disc_px: [f32; 4],
 }
 
 #[repr(C)]
@@ -195,6 +196,7 @@ mod tests {
                 law_a,
                 law_b,
                 phase_coefficients,
+                small_disc_px,
             }
         );
         check!(&module, Chunk { list, first, pixels, samples_log2 });

@@ -23,6 +23,7 @@ use std::collections::VecDeque;
 pub use device::GpuDevice;
 pub use warp::GpuWarp;
 
+use crate::small::Window;
 use crate::{BodyModel, FrameState, Planes, Quality, RadianceImage, RenderError};
 use layout::{Body, Chunk, Frame, MOST_BODIES, Plan};
 use pipelines::{DEPTH_FORMAT, Pipelines, VISIBILITY_FORMAT};
@@ -101,6 +102,8 @@ struct Pending {
     submission: wgpu::SubmissionIndex,
     size: [u32; 2],
     planes: Planes,
+    /// Where the image belongs, if it is an enlarged window.
+    window: Option<Window>,
 }
 
 impl GpuRenderer {
@@ -160,6 +163,11 @@ impl GpuRenderer {
             self.reopen()?;
         }
         self.frames_on_device += 1;
+        // A warp reads the whole image on the device.
+        let radii_m: Vec<f64> = self.arrays.ranges.iter().map(|range| range.bounding_radius_m).collect();
+        let small = if self.warp.is_none() { Window::of(state, &radii_m) } else { None };
+        let (window, state) =
+            small.as_ref().map_or((None, state), |(window, enlarged)| (Some(*window), enlarged));
         let size = [state.image.width_px, state.image.height_px];
         if self.targets.as_ref().is_none_or(|targets| targets.size != size) {
             self.targets = Some(Targets::new(&self.gpu, &self.pipelines, size, self.quality, self.planes)?);
@@ -171,8 +179,10 @@ impl GpuRenderer {
             None => (size, self.planes),
         };
         let plane_bytes = 4 * u64::from(back_size[0]) * u64::from(back_size[1]) * back_planes.count() as u64;
-        let staging = match self.free_staging.pop() {
-            Some(buffer) => buffer,
+        // Frames of another size may still have been under way when the size changed.
+        let fitting = self.free_staging.iter().position(|buffer| buffer.size() == plane_bytes + WORK_HEAD);
+        let staging = match fitting {
+            Some(index) => self.free_staging.swap_remove(index),
             None => self.gpu.buffer(
                 "read-back",
                 plane_bytes + WORK_HEAD,
@@ -201,7 +211,7 @@ impl GpuRenderer {
         encoder.copy_buffer_to_buffer(&targets.work, 0, &staging, plane_bytes, WORK_HEAD);
         let submission = self.gpu.queue.submit([encoder.finish()]);
         staging.slice(..).map_async(wgpu::MapMode::Read, |_| {});
-        self.pending.push_back(Pending { staging, submission, size: back_size, planes: back_planes });
+        self.pending.push_back(Pending { staging, submission, size: back_size, planes: back_planes, window });
         Ok(())
     }
 
@@ -255,7 +265,11 @@ impl GpuRenderer {
         if cut_short > 0 {
             return Err(RenderError::CutShort(cut_short));
         }
-        Ok(Some(RadianceImage { width_px: pending.size[0], height_px: pending.size[1], data }))
+        let image = RadianceImage { width_px: pending.size[0], height_px: pending.size[1], data };
+        Ok(Some(match pending.window {
+            Some(window) => window.place(&image),
+            None => image,
+        }))
     }
 
     fn encode_visibility(&self, encoder: &mut wgpu::CommandEncoder, targets: &Targets, region: Region) {

@@ -7,8 +7,13 @@ use super::horizon::PATCH;
 use super::layout::{Body, Frame};
 use super::upload::BodyRange;
 use crate::frame::contrast_reference;
+use crate::small::small_disc;
 use crate::{BodyModel, BodyState, FrameState, Quality};
 
+/// A walk over the triangles of one pixel has to end within llvmpipe's 65 535 loop turns. A body of a
+/// few pixels with more triangles than this a pixel is left to the first-pass samples when it is not
+/// alone in the frame.
+const MOST_TRIANGLES_A_PIXEL: f64 = 8000.0;
 /// First-pass samples a pixel along one axis.
 pub(crate) const GRID: u32 = 2;
 
@@ -64,7 +69,13 @@ pub(crate) fn body_uniforms(
         .bodies
         .iter()
         .zip(models.iter().zip(ranges))
-        .map(|(body, (model, range))| {
+        .enumerate()
+        .map(|(index, (body, (model, range)))| {
+            let small = small_disc(state, index, range.bounding_radius_m)
+                .filter(|(_, radius)| {
+                    f64::from(range.triangle_count) < MOST_TRIANGLES_A_PIXEL * radius * radius
+                })
+                .map_or([0.0; 4], |(at, radius)| [at.x as f32, at.y as f32, radius as f32 + 1.0, 0.0]);
             let centre = body.position_camera_m;
             let far = centre.z > range.bounding_radius_m;
             let line_of_sight = if far { DVec2::new(centre.x, centre.y) / centre.z } else { DVec2::ZERO };
@@ -101,6 +112,7 @@ pub(crate) fn body_uniforms(
                 box_low_m: range.box_low_m,
                 triangle_end: range.triangle_first + range.triangle_count.next_multiple_of(PATCH as u32),
                 box_step_m: range.box_step_m,
+                small_disc_px: small,
                 ..Body::default()
             };
             set_photometry(&mut out, &model.photometry);

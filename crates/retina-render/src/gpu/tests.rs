@@ -128,6 +128,12 @@ fn the_host_refuses_a_frame_with_a_walk_cut_short() {
     let submission = renderer.gpu.queue.submit([copy.finish()]);
     staging.slice(..).map_async(wgpu::MapMode::Read, |_| {});
     renderer.free_staging.clear();
-    renderer.pending.push_back(Pending { staging, submission, size: [64, 64], planes: Planes::Radiance });
+    renderer.pending.push_back(Pending {
+        staging,
+        submission,
+        size: [64, 64],
+        planes: Planes::Radiance,
+        window: None,
+    });
     assert!(matches!(renderer.finish(), Err(RenderError::CutShort(7))));
 }
