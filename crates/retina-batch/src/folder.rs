@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::{self, File, OpenOptions};
-use std::io::{Read as _, Seek as _, SeekFrom, Write as _};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, hash_file, read_text, write_atomic};
@@ -101,7 +101,7 @@ impl ManifestLine {
 pub(crate) struct Folder {
     dir: PathBuf,
     /// Holds a shared lock on the record while this run writes: leftovers are then a live run's.
-    _in_use: Option<File>,
+    in_use: Option<File>,
 }
 
 /// Path of a frame's file in the folder.
@@ -112,7 +112,7 @@ pub(crate) fn frame_file(kind: &str, index: usize, extension: &str) -> String {
 impl Folder {
     /// A folder that need not exist yet; nothing is changed.
     pub(crate) fn at(dir: &Path) -> Self {
-        Self { dir: dir.to_path_buf(), _in_use: None }
+        Self { dir: dir.to_path_buf(), in_use: None }
     }
 
     pub(crate) fn dir(&self) -> &Path {
@@ -231,7 +231,7 @@ impl Folder {
             lock.unlock().map_err(BatchError::write(&file))?;
         }
         lock.lock_shared().map_err(BatchError::write(&file))?;
-        folder._in_use = Some(lock);
+        folder.in_use = Some(lock);
         Ok(folder)
     }
 
@@ -247,21 +247,37 @@ impl Folder {
         Ok(())
     }
 
-    /// Cuts off a last line that a killed run did not finish.
+    /// Leaves one line a frame, the last; a line that a killed run did not finish goes too.
     fn mend_manifest(&self) -> Result<(), BatchError> {
         let path = self.dir.join(MANIFEST);
         if !path.exists() {
             return Ok(());
         }
-        let mend = || -> std::io::Result<()> {
-            let mut file = OpenOptions::new().read(true).write(true).open(&path)?;
-            let mut bytes = Vec::new();
-            file.seek(SeekFrom::Start(0))?;
-            file.read_to_end(&mut bytes)?;
-            let whole = bytes.iter().rposition(|&byte| byte == b'\n').map_or(0, |last| last + 1);
-            if whole < bytes.len() { file.set_len(whole as u64) } else { Ok(()) }
-        };
-        mend().map_err(BatchError::write(&path))
+        let text = read_text(&path)?;
+        let mut seen = BTreeSet::new();
+        let mut kept: Vec<&str> = Vec::new();
+        for line in text.split_inclusive('\n').rev().filter(|line| line.ends_with('\n')) {
+            let parsed = serde_json::from_str::<ManifestLine>(line);
+            if parsed.map_or(true, |line| seen.insert(line.index)) {
+                kept.push(line);
+            }
+        }
+        let mended: String = kept.into_iter().rev().collect();
+        if mended == text {
+            return Ok(());
+        }
+        write_atomic(&path, mended.as_bytes()).map_err(BatchError::write(&path))
+    }
+
+    /// Ends the use of the folder: the last run to leave it mends the manifest, where frames that
+    /// were made again stand twice.
+    pub(crate) fn close(self) -> Result<(), BatchError> {
+        let Some(lock) = &self.in_use else { return Ok(()) };
+        lock.unlock().map_err(BatchError::write(&self.dir))?;
+        if lock.try_lock().is_ok() {
+            self.mend_manifest()?;
+        }
+        Ok(())
     }
 
     /// Adds a finished frame to the manifest, in one write.

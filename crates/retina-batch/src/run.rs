@@ -231,7 +231,10 @@ impl Batch {
             (RadianceScale::Auto, Some(found)) => found.radiance_scale,
             // Stars and planets alone are shown as bright as they are.
             (RadianceScale::Auto, None) if self.scene.bodies.is_empty() => 1.0,
-            (RadianceScale::Auto, None) => self.automatic_scale(&mut source, &candidates)?,
+            (RadianceScale::Auto, None) => {
+                observer.note("looking for the brightest pixel of the sequence, for its radiance scale");
+                self.automatic_scale(&mut source, &candidates)?
+            }
         };
         let record = self.record(source.name.backend, radiance_scale);
         let folder = Folder::open(&self.options.dir, &record, &self.kinds())?;
@@ -241,7 +244,7 @@ impl Batch {
         let start = Instant::now();
         self.pipeline(&folder, &mut source, to_do, radiance_scale, summary, observer)?;
         summary.seconds = start.elapsed().as_secs_f64();
-        Ok(())
+        folder.close()
     }
 
     /// The scale at which the brightest pixel of the whole sequence shows just below saturation.

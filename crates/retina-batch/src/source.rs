@@ -129,6 +129,7 @@ impl FrameSource {
     ) -> Result<Self, RenderError> {
         let name = AdapterName::of_device(&device);
         let mut renderer = GpuRenderer::new(device, models, quality, plan.planes)?;
+        renderer.check_size([plan.image.width_px, plan.image.height_px])?;
         let mut resampler = None;
         if let Some((map, canvas)) = &plan.resampling {
             if plan.keeps_rendered() {

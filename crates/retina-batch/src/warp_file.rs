@@ -24,6 +24,8 @@ pub struct WarpReport {
     pub clipped: u64,
     /// Output pixels that read beyond the image's border, which is continued outwards.
     pub outside_px: u64,
+    /// Channels of an EXR that hold infinities or NaNs, as a depth does beside a body: left out.
+    pub left_out: Vec<String>,
 }
 
 /// Resamples the image file `from` into `to`, whose extension says its format.
@@ -132,17 +134,19 @@ fn warp_exr(
 ) -> Result<WarpReport, BatchError> {
     let (image, source) = read_exr(from)?;
     check_size(from, [image.width_px as u32, image.height_px as u32], map, direction)?;
-    let mut channels = Vec::new();
+    let (mut channels, mut left_out) = (Vec::new(), Vec::new());
     for (name, values) in &image.channels {
         let not_finite = values.iter().filter(|value| !value.is_finite()).count();
         if not_finite > 0 {
-            return Err(InputError::new(from, "holds values that cannot be interpolated")
-                .at(format!("channel `{name}`"))
-                .found(format!("{not_finite} infinities or NaNs"))
-                .help("leave the channel out (a depth is infinite beside the body)")
-                .into());
+            left_out.push(name.clone());
+            continue;
         }
         channels.push((name.clone(), resampler.resample(values)));
+    }
+    if channels.is_empty() {
+        return Err(InputError::new(from, "holds no channel that can be interpolated")
+            .found(format!("infinities or NaNs in {}", left_out.join(", ")))
+            .into());
     }
     let count = channels.len();
     let metadata = serde_json::json!({
@@ -152,7 +156,7 @@ fn warp_exr(
     });
     let bytes = write_exr(Channels { channels, ..image }, &metadata.to_string())?;
     write_atomic(to, &bytes).map_err(BatchError::write(to))?;
-    Ok(report(map, count, 0))
+    Ok(WarpReport { left_out, ..report(map, count, 0) })
 }
 
 fn report(map: &WarpMap, channels: usize, clipped: u64) -> WarpReport {
@@ -163,7 +167,7 @@ fn report(map: &WarpMap, channels: usize, clipped: u64) -> WarpReport {
         at.x < 0.0 || at.y < 0.0 || at.x > right || at.y > bottom
     };
     let outside_px = (0..height_px).map(|y| (0..width_px).filter(|&x| outside(x, y)).count() as u64).sum();
-    WarpReport { width_px, height_px, channels, clipped, outside_px }
+    WarpReport { width_px, height_px, channels, clipped, outside_px, left_out: Vec::new() }
 }
 
 fn check_size(

@@ -62,8 +62,22 @@ fn print_json(document: &serde_json::Value) {
     let _ = writeln!(std::io::stdout(), "{document:#}");
 }
 
+/// A file of one kind is to be written: its folder must be there and its name end as it should.
+fn check_target(path: &std::path::Path, extension: &str) -> Result<(), Failure> {
+    check_folder(path)?;
+    let found = path.extension().and_then(|extension| extension.to_str()).unwrap_or("");
+    if found.eq_ignore_ascii_case(extension) {
+        return Ok(());
+    }
+    Err(retina_files::InputError::new(path, "the name does not say what would be written")
+        .found(format!("`.{found}`"))
+        .expected(format!("`.{extension}`"))
+        .help("give --out another name")
+        .into())
+}
+
 /// Where a file is to be written, its folder must be: `Err` names the folder that is not.
-fn check_target(path: &std::path::Path) -> Result<(), Failure> {
+fn check_folder(path: &std::path::Path) -> Result<(), Failure> {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
             Err(retina_files::InputError::new(path, "cannot be written: its folder does not exist")

@@ -252,3 +252,34 @@ fn folders_that_belong_to_something_else() {
         &["frames", "no frames"],
     );
 }
+
+#[test]
+fn what_a_user_easily_gets_wrong_is_said_in_his_words() {
+    edited("scene.toml", "\"auto\"", "\"auto\"\nallow_empty_frames = 3", &["scene.toml", "true or false"]);
+    edited("scene.toml", "setup.toml", "stup.toml", &["stup.toml", "cannot be read"]);
+    let help = |f: &Fixture| {
+        f.edit("scene.toml", "rock.glb", "rok.glb");
+        let text = common::stderr(&f.render("out", &[]));
+        assert!(text.contains("named by the key `model`"), "{text}");
+    };
+    help(&Fixture::new());
+    refused(
+        |f| f.write("poses.csv", &common::poses(2).replace(',', ";")),
+        &["poses.csv", "semicolons", "commas"],
+    );
+    refused(
+        |f| {
+            let poses = common::poses(1).replace("camera_from_inertial_x", "a").replace("camera_y_m", "b");
+            f.write("poses.csv", &poses.replace(",a,", ",sun_a,").replace(",b,", ",sun_b,"));
+        },
+        &["poses.csv"],
+    );
+    // Two bodies without columns stand at one place.
+    refused(
+        |f| {
+            let second = common::SCENE.split("[[body]]").nth(1).unwrap().replace("\"rock\"", "\"stone\"");
+            f.write("scene.toml", &format!("{}[[body]]{second}", common::SCENE));
+        },
+        &["`rock` and `stone` stand at the same place"],
+    );
+}

@@ -92,6 +92,13 @@ impl InputError {
         self
     }
 
+    /// Says which key of which file named the file that this is about.
+    pub fn named_by(mut self, file: &Path, key: &str) -> Self {
+        let named = format!("it is named by the key `{key}` of {}", file.display());
+        self.help = Some(self.help.map_or_else(|| named.clone(), |help| format!("{help}; {named}")));
+        self
+    }
+
     /// How to mend it.
     pub fn help(mut self, help: impl fmt::Display) -> Self {
         self.help = Some(help.to_string());

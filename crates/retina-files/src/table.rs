@@ -50,6 +50,14 @@ impl Table {
             return Err(InputError::new(path, "holds no table").expected("a header row with column names"));
         }
         let header_line = line_of(header.position());
+        for (delimiter, name) in [(';', "semicolons"), ('\t', "tabs")] {
+            if header.len() == 1 && header[0].contains(delimiter) {
+                return Err(InputError::new(path, format!("the columns are parted by {name}"))
+                    .line(header_line)
+                    .expected("commas")
+                    .help("save the table as CSV with commas, and points in numbers"));
+            }
+        }
         let mut index = HashMap::new();
         for (i, name) in header.iter().enumerate() {
             if name.is_empty() {
@@ -113,17 +121,22 @@ impl Table {
 
     /// An error unless all of `columns` are present; suggests the nearest column there is.
     pub fn require(&self, columns: &[&str]) -> Result<(), InputError> {
-        for column in columns {
-            if !self.has(column) {
-                let error = InputError::new(&self.file, format!("column `{column}` is missing"))
-                    .found(format!("columns {}", self.columns.join(", ")));
-                return Err(match nearest(column, self.columns.iter().map(String::as_str)) {
-                    Some(near) => error.help(format!("is `{near}` meant to be `{column}`?")),
-                    None => error.help(format!("add a column `{column}`")),
-                });
-            }
-        }
-        Ok(())
+        let missing: Vec<&str> = columns.iter().copied().filter(|column| !self.has(column)).collect();
+        let Some(first) = missing.first() else { return Ok(()) };
+        let named: Vec<String> = missing.iter().map(|column| format!("`{column}`")).collect();
+        let problem = match missing.len() {
+            1 => format!("column {} is missing", named[0]),
+            _ => format!("columns {} are missing", named.join(", ")),
+        };
+        // A column that is wanted as it stands is no slip of the pen for another.
+        let strangers = self.columns.iter().map(String::as_str).filter(|column| !columns.contains(column));
+        let help = match nearest(first, strangers) {
+            Some(near) => format!("is `{near}` meant to be `{first}`?"),
+            None => format!("add {}", named.join(", ")),
+        };
+        Err(InputError::new(&self.file, problem)
+            .found(format!("columns {}", self.columns.join(", ")))
+            .help(help))
     }
 
     /// The text of a cell; empty where the column is absent.

@@ -19,7 +19,7 @@ pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, InputError> {
 pub fn parse_toml<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T, InputError> {
     toml::from_str(text).map_err(|error| {
         let message = error.message().lines().next().unwrap_or("not valid TOML").trim();
-        let mut out = InputError::new(path, message);
+        let mut out = InputError::new(path, in_plain_words(message));
         out.help = suggestion(message);
         if let Some(span) = error.span() {
             let before = &text[..span.start.min(text.len())];
@@ -44,6 +44,26 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         .filter(|(likeness, _)| *likeness >= 0.5)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, candidate)| candidate)
+}
+
+/// serde names Rust's types; a user knows numbers, lists and tables.
+fn in_plain_words(message: &str) -> String {
+    let Some((found, expected)) = message.rsplit_once(", expected ") else { return message.to_owned() };
+    let plain = match expected {
+        "f64" | "f32" => "a number".to_owned(),
+        "usize" | "u64" | "u32" | "u8" => "a whole number, not negative".to_owned(),
+        "i64" | "i32" => "a whole number".to_owned(),
+        "a sequence" => "a list [..]".to_owned(),
+        "a boolean" => "true or false".to_owned(),
+        _ => match (expected.strip_prefix("struct "), expected.strip_prefix("a tuple of size ")) {
+            (Some(_), _) => "a table { .. }".to_owned(),
+            (_, Some(size)) => format!("a list of {size}"),
+            _ => expected
+                .strip_prefix("an array of length ")
+                .map_or_else(|| expected.to_owned(), |size| format!("a list of {size}")),
+        },
+    };
+    format!("{found}, expected {plain}")
 }
 
 /// serde words its message "unknown field `a`, expected one of `b`, `c`": the names are in ticks.
@@ -73,6 +93,17 @@ mod tests {
         let error = parse_toml::<Screen>(Path::new("a.toml"), "# x\nwidht_px = 3\n").unwrap_err();
         assert_eq!(error.place, Place::LineColumn(2, 1));
         assert_eq!(error.help.as_deref(), Some("did you mean `width_px`?"));
+    }
+
+    #[test]
+    fn types_are_named_in_plain_words() {
+        let error = parse_toml::<Screen>(Path::new("a.toml"), "width_px = \"wide\"\n").unwrap_err();
+        assert!(error.to_string().contains("expected a whole number, not negative"), "{error}");
+        assert_eq!(
+            in_plain_words("invalid length 2, expected an array of length 3"),
+            "invalid length 2, expected a list of 3"
+        );
+        assert_eq!(in_plain_words("missing field `setup`"), "missing field `setup`");
     }
 
     #[test]

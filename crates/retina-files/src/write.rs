@@ -15,7 +15,9 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    let mut file = tempfile::Builder::new().prefix(".part-").tempfile_in(folder)?;
+    // The error's own text names the temporary file, which is nothing to the user.
+    let made = tempfile::Builder::new().prefix(".part-").tempfile_in(folder);
+    let mut file = made.map_err(|error| std::io::Error::from(error.kind()))?;
     file.write_all(bytes)?;
     // Temporary files are private by default; results are to be read by others.
     #[cfg(unix)]

@@ -73,6 +73,7 @@ pub(crate) fn all_frames(scene: &Scene) -> Result<(), InputError> {
             check.sun(number)?;
             check.camera_outside(number, &mut closed[number])?;
             check.in_front(number)?;
+            check.apart(number)?;
         }
         if scene.stars.is_some() {
             scene.observer(&frame)?;
@@ -136,6 +137,23 @@ impl Check<'_> {
                 body.bounding_radius_m
             ))
             .help("check camera_x_m, camera_y_m, camera_z_m and the model's unit of length (metres)"))
+    }
+
+    /// Two bodies at one place are a mistake: most often neither has columns.
+    fn apart(&self, number: usize) -> Result<(), InputError> {
+        let places = &self.frame.bodies;
+        let same = (0..number).find(|&other| {
+            places[other].position_camera_m.distance(places[number].position_camera_m)
+                < 1e-9 * self.body(number).bounding_radius_m
+        });
+        let Some(other) = same else { return Ok(()) };
+        let (name, other) = (&self.body(number).name, &self.body(other).name);
+        Err(self
+            .error(format!("the bodies `{other}` and `{name}` stand at the same place"))
+            .expected("bodies apart from each other")
+            .help(format!(
+                "without columns a body stands at the origin; add {name}_x_m, {name}_y_m, {name}_z_m"
+            )))
     }
 
     fn in_front(&self, number: usize) -> Result<(), InputError> {

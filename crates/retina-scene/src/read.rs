@@ -42,7 +42,7 @@ impl Scene {
         let mut input = |role: String, hash: String| inputs.push(SceneInput { role, hash });
 
         let setup_file = folder.join(&file.setup);
-        let setup = Setup::read(&setup_file)?;
+        let setup = Setup::read(&setup_file).map_err(|error| error.named_by(path, "setup"))?;
         input("setup".into(), hash_file(&setup_file)?);
         let distortion = distortion(path, &file, &setup, &mut input)?;
         check_names(path, &file.body)?;
@@ -115,7 +115,8 @@ fn read_stars(
         None => None,
         Some(file) => {
             let file = folder.join(file);
-            let catalogue = StarCatalogue::read(&file)?;
+            let catalogue =
+                StarCatalogue::read(&file).map_err(|error| error.named_by(path, "stars.catalogue"))?;
             input("catalogue".into(), hash_file(&file)?);
             Some(Arc::new(catalogue))
         }
@@ -145,7 +146,8 @@ fn distortion(
         }
         return Ok(None);
     };
-    let read = Calibration::read(&calibration, setup)?;
+    let read = Calibration::read(&calibration, setup)
+        .map_err(|error| error.named_by(path, "compensation.calibration"))?;
     input("calibration".into(), hash_file(&calibration)?);
     Ok(compensates.then_some(read.distortion))
 }
@@ -176,7 +178,7 @@ fn check_names(path: &Path, bodies: &[BodyTable]) -> Result<(), InputError> {
 fn read_body(path: &Path, folder: &Path, table: &BodyTable) -> Result<BodyParts, InputError> {
     let place = format!("body `{}`", table.name);
     let photometry = photometry(path, &place, &table.photometry)?;
-    let mut shape = load_body(&folder.join(&table.model))?;
+    let mut shape = load_body(&folder.join(&table.model)).map_err(|error| error.named_by(path, "model"))?;
     match table.shading {
         Shading::Auto => {}
         Shading::Smooth => shape.smooth_normals(),

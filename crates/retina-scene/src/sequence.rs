@@ -23,7 +23,7 @@ pub(crate) fn trajectory(
     match &file.trajectory {
         TrajectoryKey::Path(path) => {
             let path = scene.parent().unwrap_or(Path::new("")).join(path);
-            let text = read_text(&path)?;
+            let text = read_text(&path).map_err(|error| error.named_by(scene, "trajectory"))?;
             Ok((Trajectory::parse(&path, &text, bodies)?, hash_bytes(text.as_bytes())))
         }
         TrajectoryKey::Generated(table) => {

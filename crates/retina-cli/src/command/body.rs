@@ -11,9 +11,9 @@ use crate::failure::Failure;
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// Radius of the reference sphere, m.
-    #[arg(long, value_name = "R")]
+    #[arg(long, value_name = "R", allow_negative_numbers = true)]
     radius_m: f64,
-    /// Relief map: plate carree, grey PNG or TIFF, 8 or 16 bits, north up.
+    /// Relief map: plate carree, grey PNG, TIFF or JPEG, 8 or 16 bits, north up.
     #[arg(long, value_name = "IMAGE")]
     relief: Option<PathBuf>,
     /// Metres of height for one unit of the relief's samples.
@@ -55,7 +55,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
-    crate::check_target(&arguments.out)?;
+    crate::check_target(&arguments.out, "glb")?;
     let longitude_left_deg = arguments.longitude_left_deg;
     let built = build_body(&BuildSpec {
         name: arguments.name,

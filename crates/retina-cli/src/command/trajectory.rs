@@ -46,7 +46,7 @@ enum Kind {
 }
 
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
-    crate::check_target(&arguments.out)?;
+    crate::check_target(&arguments.out, "csv")?;
     let Kind::LumioHalo = arguments.kind;
     if !(1..=1_000_000).contains(&arguments.frames) {
         return Err(InputError::new("--frames", "the number of frames does not fit")

@@ -38,7 +38,7 @@ enum Direction {
 }
 
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
-    crate::check_target(&arguments.out)?;
+    crate::check_folder(&arguments.out)?;
     let setup = Setup::read(&arguments.setup)?;
     let calibration = Calibration::read(&arguments.calibration, &setup)?;
     let (direction, name) = match arguments.direction {
@@ -55,6 +55,11 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     if report.clipped > 0 {
         eprintln!("retina: warning: {} samples are beyond the file's range and were cut off", report.clipped);
     }
+    for channel in &report.left_out {
+        eprintln!(
+            "retina: channel `{channel}` holds infinities or NaNs, cannot be interpolated and is left out"
+        );
+    }
     if arguments.json {
         crate::print_json(&json!({
             "schema": "retina.warp/1",
@@ -65,6 +70,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
             "channels": report.channels,
             "clipped": report.clipped,
             "outside_px": report.outside_px,
+            "left_out": report.left_out,
         }));
     }
     Ok(())

@@ -147,6 +147,14 @@ impl GpuRenderer {
         &self.gpu
     }
 
+    /// Whether the adapter can render an image of this size, pixels.
+    ///
+    /// # Errors
+    /// [`RenderError::TooLarge`].
+    pub fn check_size(&self, size_px: [u32; 2]) -> Result<(), RenderError> {
+        check_size(&self.gpu, size_px)
+    }
+
     /// Has every further frame resampled through `warp` on its way back: the image returned has
     /// the warp's size and holds radiance alone.
     pub fn set_warp(&mut self, warp: Option<GpuWarp>) {
@@ -383,6 +391,17 @@ fn bind(
     gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
 }
 
+/// The first-pass samples of an image stand in one texture.
+fn check_size(gpu: &GpuDevice, [width_px, height_px]: [u32; 2]) -> Result<(), RenderError> {
+    let allowed = u64::from(gpu.device.limits().max_texture_dimension_2d / GRID);
+    let needed = u64::from(width_px.max(height_px));
+    if needed > allowed {
+        let (what, adapter) = ("the image's longer side, in pixels,", gpu.name().to_owned());
+        return Err(RenderError::TooLarge { what, needed, allowed, adapter });
+    }
+    Ok(())
+}
+
 impl Targets {
     fn new(
         gpu: &GpuDevice,
@@ -392,16 +411,7 @@ impl Targets {
         planes: Planes,
     ) -> Result<Self, RenderError> {
         use wgpu::BufferUsages as Usage;
-        let allowed = gpu.device.limits().max_texture_dimension_2d;
-        let needed = size[0].max(size[1]) * GRID;
-        if needed > allowed {
-            return Err(RenderError::TooLarge {
-                what: "the image",
-                needed: u64::from(needed),
-                allowed: u64::from(allowed),
-                adapter: gpu.name().to_owned(),
-            });
-        }
+        check_size(gpu, size)?;
         let texture = |format, usage| {
             let size =
                 wgpu::Extent3d { width: size[0] * GRID, height: size[1] * GRID, depth_or_array_layers: 1 };
