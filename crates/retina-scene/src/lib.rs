@@ -3,6 +3,7 @@
 //! - [`Scene`]: `SCENE.toml` and everything it names, read and checked before anything is rendered.
 //! - [`SceneFrame`]: camera, bodies and Sun of one frame, as the renderer takes them.
 //! - [`Scene::truth`]: the ground truth of a frame, schema `retina.truth/1`.
+//! - [`FrameChecks`]: what must hold of each frame.
 //! - [`Scene::brightest_frames`]: where the brightest pixel of the sequence is to be looked for.
 
 mod brightness;
@@ -16,6 +17,7 @@ mod scene;
 mod sequence;
 mod truth;
 
-pub use file::{Compensation, Layer};
+pub use checks::FrameChecks;
+pub use file::{Compensation, Layer, PhotometryTable, Shading};
 pub use frame::SceneFrame;
 pub use scene::{BodyParts, Display, Output, RadianceScale, Scene, SceneBody, SceneInput, SceneParts};

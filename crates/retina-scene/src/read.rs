@@ -8,8 +8,7 @@ use retina_geometry::{Calibration, Distortion, Setup};
 use retina_model::{external_files, load_body};
 use retina_render::Quality;
 
-use crate::file::{BodyTable, Compensation, QualityName, ScaleKey, SceneFile, Shading};
-use crate::photometry::photometry;
+use crate::file::{BodyTable, Compensation, QualityName, ScaleKey, SceneFile};
 use crate::scene::{BodyParts, Display, Output, RadianceScale, Scene, SceneInput, SceneParts};
 use crate::sequence;
 
@@ -138,13 +137,9 @@ fn check_names(path: &Path, bodies: &[BodyTable]) -> Result<(), InputError> {
 
 fn read_body(path: &Path, folder: &Path, table: &BodyTable) -> Result<BodyParts, InputError> {
     let place = format!("body `{}`", table.name);
-    let photometry = photometry(path, &place, &table.photometry)?;
+    let photometry = table.photometry.resolve(path, &place)?;
     let mut shape = load_body(&folder.join(&table.model))?;
-    match table.shading {
-        Shading::Auto => {}
-        Shading::Smooth => shape.smooth_normals(),
-        Shading::Flat => shape.surfaces.iter_mut().for_each(|surface| surface.flat = true),
-    }
+    table.shading.apply(&mut shape);
     let reference_semi_axes_m = match (table.reference_radius_m, table.reference_semi_axes_m) {
         (Some(_), Some(_)) => {
             return Err(InputError::new(path, "the reference body is given twice")
