@@ -2,6 +2,7 @@
 //!
 //! - [`Batch`]: renders the chosen frames of a scene into a folder: screen images, truth, EXR,
 //!   manifest; renders on while finished frames are encoded; resumes and shares a folder.
+//! - [`LiveRenderer`]: single frames from a renderer that stays open.
 //! - [`Selection`]: which frames: a range, every so many, a shard.
 //! - [`Resampler`]: an image resampled through the distortion in f64, Lanczos-3.
 //! - [`warp_file`]: the same from file to file, counts or linear values.
@@ -12,6 +13,7 @@ mod error;
 mod exr_file;
 mod folder;
 mod linear_image;
+mod live;
 mod picture;
 mod plan;
 mod png_file;
@@ -26,7 +28,9 @@ mod warp_file;
 
 pub use error::BatchError;
 pub use exr_file::{Channels, read_exr, write_exr};
+pub use live::LiveRenderer;
 pub use plan::ImagePlan;
+pub use png_file::{PngShape, png_bytes};
 pub use resample::{Canvas, Resampler};
 pub use run::{Batch, Observer, Options, Progress, Summary};
 pub use selection::{FrameRange, Selection, Shard};

@@ -4,19 +4,24 @@ use crate::BatchError;
 
 /// What the samples of a PNG are.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct PngShape {
-    pub(crate) width_px: u32,
-    pub(crate) height_px: u32,
+pub struct PngShape {
+    /// Width, pixels.
+    pub width_px: u32,
+    /// Height, pixels.
+    pub height_px: u32,
     /// 1 (grey) or 3 (RGB).
-    pub(crate) channels: usize,
+    pub channels: usize,
     /// 8 or 16; samples of 16 bits come with the high byte first.
-    pub(crate) bits: u32,
+    pub bits: u32,
     /// Rows are filtered before they are compressed.
-    pub(crate) filtered: bool,
+    pub filtered: bool,
 }
 
-/// A PNG's bytes. `what` names it in an error.
-pub(crate) fn png_bytes(
+/// A PNG's bytes, `texts` in its text chunks. `what` names it in an error.
+///
+/// # Errors
+/// Samples that do not fill the shape, a text that a PNG cannot hold.
+pub fn png_bytes(
     what: &str,
     shape: PngShape,
     samples: &[u8],

@@ -25,6 +25,8 @@ struct Arguments {
 enum Command {
     /// Renders a scene's frames into screen images with ground truth beside each.
     Render(command::render::Arguments),
+    /// Renders poses that come over the network, by CORTO's closed-loop protocol.
+    Serve(command::serve::Arguments),
     /// Resamples an image through the facility's distortion.
     Warp(command::warp::Arguments),
     /// Builds a body's mesh and textures from a relief and an albedo map.
@@ -41,6 +43,7 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let result = match arguments.command {
         Command::Render(arguments) => command::render::run(arguments),
+        Command::Serve(arguments) => command::serve::run(&arguments),
         Command::Warp(arguments) => command::warp::run(arguments),
         Command::Body(arguments) => command::body::run(arguments),
         Command::Trajectory(arguments) => command::trajectory::run(arguments),

@@ -303,6 +303,10 @@ pub(crate) fn image_bytes<'d>(
 /// # Errors
 /// As loading: the document cannot be parsed, or a URI is refused.
 pub fn external_files(path: &Path) -> Result<Vec<std::path::PathBuf>, InputError> {
+    if crate::ModelKind::of(path)? == crate::ModelKind::Obj {
+        // Its materials are not read.
+        return Ok(Vec::new());
+    }
     let bytes = read_bytes(path)?;
     let document = Document::parse(path, &bytes)?;
     let buffers = document.root.buffers.iter().map(|b| ("buffer", &b.uri));

@@ -1,7 +1,9 @@
-//! Bodies: glTF meshes and textures, and the builder that makes them from maps and elevation models.
+//! Bodies: glTF and OBJ meshes and their textures, and the builder that makes bodies from maps and
+//! elevation models.
 //!
-//! - [`load_body`]: a `.glb` or `.gltf` file into a [`Body`]: one mesh in body-fixed axes (x prime
+//! - [`load_body`]: a `.glb`, `.gltf` or `.obj` file into a [`Body`]: one mesh in body-fixed axes (x prime
 //!   meridian, z north, metres), with linear albedo maps whose mean over the surface is 1.
+//! - [`load_obj`]: an OBJ file, with what of it was not read; [`Body::paint`]: a texture laid on a body.
 //! - [`build_body`]: an even cube-sphere mesh from a plate carree relief and albedo map, as a `.glb`.
 //! - [`external_files`]: what else a model reads, for hashing it.
 
@@ -12,6 +14,8 @@ mod document;
 mod load;
 mod maps;
 mod normalise;
+mod obj;
+mod paint;
 mod plate;
 mod textures;
 mod uri;
@@ -19,5 +23,7 @@ mod uri;
 pub use body::{Body, Surface, Vertex};
 pub use build::{AlbedoSource, BuildReport, BuildSpec, BuiltBody, Relief, build_body};
 pub use document::external_files;
-pub use load::load_body;
+pub use load::{ModelKind, load_body};
 pub use maps::{AlbedoMap, SlopeMap, Wrap};
+pub use obj::{ObjBody, load_obj};
+pub use paint::Layout;

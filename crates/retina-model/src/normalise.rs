@@ -61,13 +61,14 @@ impl Body {
         factor * sum / f64::from(n).powi(2)
     }
 
-    /// Scales all factors by one number so that [`Body::mean_albedo`] is 1.
-    pub(crate) fn normalise_albedo(&mut self, path: &std::path::Path) -> Result<(), InputError> {
+    /// Scales all factors by one number so that [`Body::mean_albedo`] is 1; `place` names the texture
+    /// in errors.
+    pub(crate) fn normalise_albedo(&mut self, path: &std::path::Path, place: &str) -> Result<(), InputError> {
         let mean = self.mean_albedo();
         // The darkest 8-bit grey is 3e-4: what lies far below it is black by accident or design.
         if !mean.is_finite() || mean < 1e-6 {
             return Err(InputError::new(path, "the body is black all over, so its albedo has no scale")
-                .at("baseColorTexture and baseColorFactor")
+                .at(place)
                 .found(format!("mean relative albedo {mean:.3e}"))
                 .expected("a mean above 1e-6")
                 .help("check that the texture is the albedo map and that the texture coordinates meet it"));

@@ -40,7 +40,7 @@ pub(crate) struct Material {
 }
 
 /// Most pixels of a body's textures together, 16 384 x 8 192: half a gigabyte once linear.
-const MAX_PIXELS: u64 = 1 << 27;
+pub(crate) const MAX_PIXELS: u64 = 1 << 27;
 
 /// Image index and wrapping: two textures that agree in these share a map.
 type Key = (usize, Wrap, Wrap);

@@ -64,24 +64,42 @@ impl Field {
 
 /// Checks every frame of a scene.
 pub(crate) fn all_frames(scene: &Scene) -> Result<(), InputError> {
-    let field = Field::of(scene);
-    let mut closed: Vec<Option<bool>> = vec![None; scene.bodies.len()];
-    for index in 0..scene.frame_count() {
-        let frame = scene.frame(index)?;
-        let check = Check { scene, frame: &frame };
+    let mut checks = FrameChecks::of(scene);
+    (0..scene.frame_count()).try_for_each(|index| checks.check(scene, &scene.frame(index)?))
+}
+
+/// What must hold of each frame: the Sun and the camera are outside the bodies, which are in view
+/// as far as the scene says so.
+#[derive(Debug)]
+pub struct FrameChecks {
+    field: Field,
+    /// Whether each body's mesh is closed, once it was asked for.
+    closed: Vec<Option<bool>>,
+}
+
+impl FrameChecks {
+    /// The checks of a scene's frames.
+    pub fn of(scene: &Scene) -> Self {
+        Self { field: Field::of(scene), closed: vec![None; scene.bodies.len()] }
+    }
+
+    /// Checks a frame of that scene, whose meshes must still be there.
+    ///
+    /// # Errors
+    /// What does not hold, with the frame's number.
+    pub fn check(&mut self, scene: &Scene, frame: &SceneFrame) -> Result<(), InputError> {
+        let check = Check { scene, frame };
         for number in 0..scene.bodies.len() {
             check.sun(number)?;
-            check.camera_outside(number, &mut closed[number])?;
+            check.camera_outside(number, &mut self.closed[number])?;
             check.in_front(number)?;
             check.apart(number)?;
         }
-        if scene.stars.is_some() {
-            scene.observer(&frame)?;
-        } else {
-            check.something_in_view(&field)?;
+        match scene.stars {
+            Some(_) => scene.observer(frame).map(drop),
+            None => check.something_in_view(&self.field),
         }
     }
-    Ok(())
 }
 
 struct Check<'a> {

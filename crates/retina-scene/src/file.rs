@@ -3,6 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use retina_model::Body;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
@@ -155,7 +156,7 @@ pub(crate) struct BodyTable {
 /// Which normals the light meets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Shading {
+pub enum Shading {
     /// As the model says.
     #[default]
     Auto,
@@ -169,7 +170,7 @@ pub(crate) enum Shading {
 /// is checked afterwards.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct PhotometryTable {
+pub struct PhotometryTable {
     pub(crate) model: LawName,
     pub(crate) normal_albedo: Option<f64>,
     pub(crate) phase_function: Option<PhaseFunctionTable>,
@@ -232,6 +233,17 @@ pub(crate) enum QualityName {
     #[default]
     Default,
     Best,
+}
+
+impl Shading {
+    /// Applies it to a body.
+    pub fn apply(self, shape: &mut Body) {
+        match self {
+            Self::Auto => {}
+            Self::Smooth => shape.smooth_normals(),
+            Self::Flat => shape.surfaces.iter_mut().for_each(|surface| surface.flat = true),
+        }
+    }
 }
 
 /// `[output]`.

@@ -4,6 +4,7 @@
 //! - [`SceneFrame`]: camera, bodies and Sun of one frame, as the renderer takes them.
 //! - [`Scene::truth`]: the ground truth of a frame, schema `retina.truth/1`.
 //! - [`Scene::sky`]: the stars and planets of a frame.
+//! - [`FrameChecks`]: what must hold of each frame.
 //! - [`Scene::brightest_frames`]: where the brightest pixel of the sequence is to be looked for.
 
 mod brightness;
@@ -19,7 +20,8 @@ mod sequence;
 mod sky;
 mod truth;
 
-pub use file::{Compensation, Layer};
+pub use checks::FrameChecks;
+pub use file::{Compensation, Layer, PhotometryTable, Shading};
 pub use frame::SceneFrame;
 pub use scene::{BodyParts, Display, Output, RadianceScale, Scene, SceneBody, SceneInput, SceneParts};
 pub use sky::{DisplayedPoint, PlanetPoint, ShownPoint, SkyPoint, Stars};

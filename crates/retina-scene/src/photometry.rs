@@ -10,16 +10,14 @@ use crate::file::{LawName, PhaseFunctionName, PhaseFunctionTable, PhotometryTabl
 /// McEwen's decay angle for the Moon, deg.
 const LUNAR_DECAY_DEG: f64 = 60.0;
 
-/// Builds the photometric function of a body; `place` names the body in errors.
-///
-/// # Errors
-/// A key that does not belong to the law, one that is missing, a value out of its range.
-pub(crate) fn photometry(
-    file: &Path,
-    place: &str,
-    table: &PhotometryTable,
-) -> Result<Photometry, InputError> {
-    Reader { file, place, table }.read()
+impl PhotometryTable {
+    /// The photometric function of a body; `place` names the body in errors.
+    ///
+    /// # Errors
+    /// A key that does not belong to the law, one that is missing, a value out of its range.
+    pub fn resolve(&self, file: &Path, place: &str) -> Result<Photometry, InputError> {
+        Reader { file, place, table: self }.read()
+    }
 }
 
 struct Reader<'a> {
@@ -227,7 +225,7 @@ mod tests {
 
     fn read(text: &str) -> Result<Photometry, InputError> {
         let file = Path::new("s.toml");
-        photometry(file, "body `x`", &parse_toml(file, text)?)
+        parse_toml::<PhotometryTable>(file, text)?.resolve(file, "body `x`")
     }
 
     fn normal(photometry: &Photometry) -> f64 {

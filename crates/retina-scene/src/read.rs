@@ -11,10 +11,7 @@ use retina_render::Quality;
 use retina_screen::Quantisation;
 use retina_sky::catalogue::StarCatalogue;
 
-use crate::file::{
-    BodyTable, Compensation, QualityName, QuantisationName, ScaleKey, SceneFile, Shading, StarsTable,
-};
-use crate::photometry::photometry;
+use crate::file::{BodyTable, Compensation, QualityName, QuantisationName, ScaleKey, SceneFile, StarsTable};
 use crate::scene::{BodyParts, Display, Output, RadianceScale, Scene, SceneInput, SceneParts};
 use crate::{Stars, sequence};
 
@@ -177,13 +174,9 @@ fn check_names(path: &Path, bodies: &[BodyTable]) -> Result<(), InputError> {
 
 fn read_body(path: &Path, folder: &Path, table: &BodyTable) -> Result<BodyParts, InputError> {
     let place = format!("body `{}`", table.name);
-    let photometry = photometry(path, &place, &table.photometry)?;
+    let photometry = table.photometry.resolve(path, &place)?;
     let mut shape = load_body(&folder.join(&table.model)).map_err(|error| error.named_by(path, "model"))?;
-    match table.shading {
-        Shading::Auto => {}
-        Shading::Smooth => shape.smooth_normals(),
-        Shading::Flat => shape.surfaces.iter_mut().for_each(|surface| surface.flat = true),
-    }
+    table.shading.apply(&mut shape);
     let reference_semi_axes_m = match (table.reference_radius_m, table.reference_semi_axes_m) {
         (Some(_), Some(_)) => {
             return Err(InputError::new(path, "the reference body is given twice")

@@ -2,12 +2,15 @@
 
 pub(crate) mod adapter;
 pub(crate) mod body;
+pub(crate) mod corto;
 pub(crate) mod render;
+pub(crate) mod serve;
 pub(crate) mod sheet;
 pub(crate) mod trajectory;
 pub(crate) mod warp;
 
 use retina_batch::BackendChoice;
+use retina_render::Quality;
 
 /// `--backend`.
 #[derive(Clone, Copy, Default, clap::ValueEnum)]
@@ -27,6 +30,27 @@ impl From<Backend> for BackendChoice {
             Backend::Auto => Self::Auto,
             Backend::Gpu => Self::Gpu,
             Backend::Cpu => Self::Cpu,
+        }
+    }
+}
+
+/// `--quality`.
+#[derive(Clone, Copy, clap::ValueEnum)]
+pub(crate) enum QualityName {
+    /// For a first look.
+    Draft,
+    /// Limb within 0.01 px rms.
+    Default,
+    /// Limb within 0.003 px rms; slower.
+    Best,
+}
+
+impl From<QualityName> for Quality {
+    fn from(name: QualityName) -> Self {
+        match name {
+            QualityName::Draft => Self::Draft,
+            QualityName::Default => Self::Default,
+            QualityName::Best => Self::Best,
         }
     }
 }

@@ -7,14 +7,22 @@ use retina_render::Quality;
 use retina_scene::Scene;
 use serde_json::json;
 
-use super::Backend;
+use super::corto::CortoArguments;
+use super::{Backend, QualityName};
 use crate::failure::Failure;
 use crate::progress::Reporter;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// The scene, schema retina.scene/1.
-    scene: PathBuf,
+    #[arg(required_unless_present = "corto")]
+    scene: Option<PathBuf>,
+    #[command(flatten)]
+    corto: CortoArguments,
+    /// By-products under CORTO's names, parted by commas: img, depth, mask, slopes, labels,
+    /// depth_exr, slopes_exr.
+    #[arg(long, requires = "corto", value_name = "NAMES")]
+    by_products: Option<String>,
     /// Folder for frames/, truth/, manifest.jsonl and the contact sheet.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -41,31 +49,25 @@ pub(crate) struct Arguments {
     json: bool,
 }
 
-#[derive(Clone, Copy, clap::ValueEnum)]
-enum QualityName {
-    /// For a first look.
-    Draft,
-    /// Limb within 0.01 px rms.
-    Default,
-    /// Limb within 0.003 px rms; slower.
-    Best,
-}
-
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
-    let scene = Scene::read(&arguments.scene)?;
+    let (scene, products) = match (&arguments.scene, arguments.corto.folder()) {
+        (Some(scene), None) => (Scene::read(scene)?, None),
+        (_, Some(folder)) => arguments.corto.scene(folder, arguments.by_products.as_deref())?,
+        (None, None) => return Err(Failure::new("neither a scene nor --corto is given")),
+    };
     let options = Options {
         dir: arguments.out,
         selection: Selection { range: arguments.frames, every: arguments.every, shard: arguments.shard },
         resume: arguments.resume,
         backend: arguments.backend.into(),
-        quality: arguments.quality.map(|quality| match quality {
-            QualityName::Draft => Quality::Draft,
-            QualityName::Default => Quality::Default,
-            QualityName::Best => Quality::Best,
-        }),
+        quality: arguments.quality.map(Quality::from),
     };
+    let mut batch = Batch::new(scene, options);
+    if let Some(products) = products {
+        batch = batch.with_side_products(Box::new(products));
+    }
     let mut reporter = Reporter::new();
-    let result = Batch::new(scene, options).run(&mut reporter);
+    let result = batch.run(&mut reporter);
     reporter.clear();
     let summary = result?;
     report(&summary);

@@ -81,6 +81,7 @@ impl Bounds {
     }
 }
 
+#[derive(Clone, Copy)]
 struct Item {
     bounds: Bounds,
     centre: [f32; 3],
@@ -179,8 +180,18 @@ fn partition(items: &mut [Item], centres: &Bounds) -> usize {
     };
     let cost = |border: usize| cost_of(&bins[..border]) + cost_of(&bins[border..]);
     let border = (1..BINS).min_by(|&a, &b| cost(a).total_cmp(&cost(b))).unwrap_or(BINS / 2);
-    items.sort_by_key(|item| bin_of(item) >= border);
-    let middle = items.partition_point(|item| bin_of(item) < border);
+    // Either half keeps its order, so the tree does not depend on how they are parted.
+    let (mut middle, mut upper) = (0, Vec::with_capacity(items.len()));
+    for index in 0..items.len() {
+        let item = items[index];
+        if bin_of(&item) < border {
+            items[middle] = item;
+            middle += 1;
+        } else {
+            upper.push(item);
+        }
+    }
+    items[middle..].copy_from_slice(&upper);
     if middle == 0 || middle == items.len() { half } else { middle }
 }
 

@@ -120,8 +120,11 @@ impl GpuRenderer {
         if models.len() > MOST_BODIES {
             return Err(RenderError::TooManyBodies(models.len()));
         }
-        let pipelines = Pipelines::new(&gpu.device, planes == Planes::Layers);
-        let arrays = SceneArrays::new(&models);
+        // The driver compiles on one thread while the others build the hierarchy.
+        let (pipelines, arrays) = rayon::join(
+            || Pipelines::new(&gpu.device, planes == Planes::Layers),
+            || SceneArrays::new(&models),
+        );
         let scene = SceneBuffers::new(&gpu, &pipelines, &arrays)?;
         // Textures and shapes are on the device now; only photometry and names are needed here.
         let models = models.into_iter().map(BodyModel::without_shape).collect();
