@@ -12,6 +12,7 @@
 
 mod convert;
 mod datagram;
+mod folder;
 mod geometry;
 mod node;
 mod pose;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use retina_files::{InputError, hash_bytes, hash_file};
 use retina_scene::SceneInput;
 
+use crate::folder::{files_of, names};
 use crate::geometry::{default_pose, read_geometry};
 use crate::pose::{Pose, World};
 use crate::settings::Settings;
@@ -143,24 +144,6 @@ impl Scenario {
     }
 }
 
-/// The names of a folder's files of some kinds, sorted.
-pub(crate) fn files_of(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>, InputError> {
-    if !folder.is_dir() {
-        return Ok(Vec::new());
-    }
-    let unreadable = |error: std::io::Error| InputError::new(folder, format!("cannot be read: {error}"));
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
-        let path = entry.map_err(unreadable)?.path();
-        let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        if path.is_file() && extensions.contains(&extension.as_str()) {
-            files.push(path);
-        }
-    }
-    files.sort();
-    Ok(files)
-}
-
 /// The file in `folder/kind` that the sidecar names; else `kind.json`; else the only one.
 fn named_or_only(
     folder: &Path,
@@ -190,11 +173,6 @@ fn named_or_only(
             .expected(format!("{kind}.json, or one file"))
             .help(format!("name it in a sidecar: {key} = \"NAME.json\""))),
     }
-}
-
-pub(crate) fn names(files: &[PathBuf]) -> String {
-    let name = |file: &PathBuf| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    files.iter().map(name).collect::<Vec<_>>().join(", ")
 }
 
 fn bodies(

@@ -8,7 +8,7 @@ use retina_model::{Layout, ModelKind, external_files, load_body, load_obj};
 use retina_radiometry::{Law, PhaseFunction, Photometry};
 use retina_scene::{BodyParts, Shading};
 
-use crate::scenario::{files_of, names};
+use crate::folder::{files_of, names};
 use crate::sidecar::{Axes, BodyTable};
 
 const SHAPE_EXTENSIONS: [&str; 3] = ["obj", "glb", "gltf"];

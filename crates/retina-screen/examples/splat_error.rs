@@ -25,8 +25,8 @@ fn main() {
         let wanted = irradiance_of_magnitude_w_m2_nm(magnitude);
         for phase in 0..PHASES * PHASES {
             // Half-steps away from symmetry.
-            let phase = (DVec2::new(f64::from(phase % PHASES), f64::from(phase / PHASES)) + 0.37)
-                / f64::from(PHASES);
+            let phase =
+                (DVec2::new(f64::from(phase % PHASES), f64::from(phase / PHASES)) + 0.37) / f64::from(PHASES);
             let at = DVec2::splat(32.0) + phase;
             let mut counts = vec![0; 64 * 64];
             let Some(shown) = painter.draw(&mut counts, at, wanted) else { continue };

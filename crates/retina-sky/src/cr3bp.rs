@@ -7,7 +7,6 @@
 
 use glam::{DMat4, DVec4};
 
-use crate::halo::HaloError;
 use crate::ode::integrate;
 
 /// Mass of the Moon over that of Earth and Moon.
@@ -145,6 +144,19 @@ fn correct(mut unknowns: Unknowns, member: Member) -> Option<PeriodicOrbit> {
     None
 }
 
+/// The family of southern L2 halos has no such member within reach.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error(
+    "no southern L2 halo orbit with a Jacobi constant of {jacobi} (the family was followed to {reached}; it spans \
+     3.016 to 3.152)"
+)]
+pub struct NoOrbit {
+    /// The constant asked for.
+    pub jacobi: f64,
+    /// The last constant at which there was an orbit.
+    pub reached: f64,
+}
+
 /// The southern L2 halo orbit of a Jacobi constant, from its crossing far from the Moon.
 ///
 /// From the planar orbits (C = 3.152) towards the Moon the constant falls to a minimum of about
@@ -152,13 +164,13 @@ fn correct(mut unknowns: Unknowns, member: Member) -> Option<PeriodicOrbit> {
 ///
 /// # Errors
 /// The family has no member that the continuation reaches with this constant.
-pub(crate) fn southern_l2_halo(wanted: f64) -> Result<PeriodicOrbit, HaloError> {
+pub(crate) fn southern_l2_halo(wanted: f64) -> Result<PeriodicOrbit, NoOrbit> {
     // Where the family leaves the planar orbits: x = 1.1809, vy = -0.1559, period 3.415 (Howell &
     // Campbell 1999, "Three-dimensional periodic solutions that bifurcate from halo families").
     const BIFURCATION: Unknowns = DVec4::new(1.1809, -0.02, -0.1559, 1.7078);
     const JACOBI_AT_BIFURCATION: f64 = 3.152;
     const STEP: f64 = 0.004;
-    let lost = |at: f64| HaloError::NoOrbit { jacobi: wanted, reached: at };
+    let lost = |at: f64| NoOrbit { jacobi: wanted, reached: at };
     let unknowns = |orbit: &PeriodicOrbit| {
         DVec4::new(orbit.start[0], orbit.start[2], orbit.start[4], orbit.period / 2.0)
     };
@@ -295,7 +307,7 @@ mod tests {
             assert!((jacobi(&southern_l2_halo(within).unwrap().start) - within).abs() < 1e-11);
         }
         for beyond in [3.2, 3.153, 3.01, 2.5, f64::NAN, f64::INFINITY] {
-            assert!(matches!(southern_l2_halo(beyond), Err(HaloError::NoOrbit { .. })), "{beyond}");
+            assert!(matches!(southern_l2_halo(beyond), Err(NoOrbit { .. })), "{beyond}");
         }
     }
 }

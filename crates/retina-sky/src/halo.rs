@@ -16,6 +16,7 @@ use glam::{DMat3, DQuat, DVec3};
 use thiserror::Error;
 
 use crate::DAY_S;
+pub use crate::cr3bp::NoOrbit;
 use crate::cr3bp::{self, MU, TOLERANCE, dynamics, southern_l2_halo};
 use crate::ephemeris::{EphemerisError, SolarSystem, moon_from_earth};
 use crate::ode::integrate;
@@ -49,16 +50,8 @@ pub enum HaloError {
         found: f64,
     },
     /// The family of southern L2 halos has no such member within reach.
-    #[error(
-        "no southern L2 halo orbit with a Jacobi constant of {jacobi} (the family was followed to {reached}; it \
-         spans 3.016 to 3.152)"
-    )]
-    NoOrbit {
-        /// The constant asked for.
-        jacobi: f64,
-        /// The last constant at which there was an orbit.
-        reached: f64,
-    },
+    #[error(transparent)]
+    NoOrbit(#[from] NoOrbit),
     /// The equations of motion could not be integrated to this time.
     #[error("the halo orbit could not be integrated to frame {frame}")]
     Integration {
@@ -333,10 +326,7 @@ mod tests {
             LumioHalo { step_s: f64::NAN, ..halo.clone() }.generate(),
             Err(HaloError::NotFinite { name: "step_s", .. })
         ));
-        assert!(matches!(
-            LumioHalo { jacobi: 3.3, ..halo.clone() }.generate(),
-            Err(HaloError::NoOrbit { .. })
-        ));
+        assert!(matches!(LumioHalo { jacobi: 3.3, ..halo.clone() }.generate(), Err(HaloError::NoOrbit(_))));
         assert!(matches!(LumioHalo { epoch_tdb_s: 4e9, ..halo }.generate(), Err(HaloError::Ephemeris(_))));
     }
 }
