@@ -245,6 +245,7 @@ fn moon_frames(setup: &Setup, folder: Option<&PathBuf>) {
             let wanted = Seen::new(image, None, modes[0].1.iter().map(|v| v * factor).collect());
             let (flux, centroid) = wanted.flux();
             let (ideal, _) = wanted.edge(center_px, radius_px, lit);
+            let mut pictures = Vec::new();
             for quantisation in [Quantisation::Nearest, Quantisation::Diffused] {
                 let start = Instant::now();
                 let encoded = screen.encode(&light, scale, quantisation).expect("radiance is finite");
@@ -262,30 +263,42 @@ fn moon_frames(setup: &Setup, folder: Option<&PathBuf>) {
                     seen_centroid.distance(centroid),
                     seconds * 1e3,
                 );
-                if let Some(folder) = folder {
-                    let name = format!("moon-{phase_deg:.0}-{dim}-{}.png", quantisation.name());
-                    write_picture(&folder.join(name), &encoded.counts, image.width_px);
-                }
+                pictures.push(encoded.counts);
+            }
+            if let (Some(folder), [nearest, diffused]) = (folder, &pictures[..]) {
+                let name = format!("quantisation-{phase_deg:.0}-{dim}.png");
+                write_picture(&folder.join(name), [nearest, diffused], image.width_px);
             }
         }
     }
 }
 
-/// A part of the screen about the terminator, enlarged four times, dark counts spread over the scale.
-fn write_picture(path: &PathBuf, counts: &[u8], width: u32) {
-    const PART: [usize; 4] = [760, 430, 240, 160];
+/// A part of the disc by nearest counts and by diffused ones, side by side, enlarged, its counts
+/// spread over the whole scale.
+fn write_picture(path: &PathBuf, counts: [&[u8]; 2], width: u32) {
+    const PART: [usize; 4] = [900, 480, 110, 110];
     const TIMES: usize = 4;
-    let most = f64::from(*counts.iter().max().unwrap_or(&1));
+    const GAP: usize = 8;
     let [left, top, columns, rows] = PART;
-    let grey: Vec<u8> = (0..rows * TIMES * columns * TIMES)
+    let at = |image: usize, x: usize, y: usize| counts[image][(top + y) * width as usize + left + x];
+    let part = || (0..rows).flat_map(move |y| (0..columns).map(move |x| at(0, x, y)));
+    let (low, high) = (part().min().unwrap_or(0), part().max().unwrap_or(255));
+    let across = 2 * columns * TIMES + GAP;
+    let grey: Vec<u8> = (0..rows * TIMES * across)
         .map(|i| {
-            let (x, y) = (i % (columns * TIMES) / TIMES, i / (columns * TIMES) / TIMES);
-            let count = counts[(top + y) * width as usize + left + x];
-            (255.0 * f64::from(count) / most).round() as u8
+            let (x, y) = (i % across, i / across / TIMES);
+            let image = usize::from(x >= columns * TIMES);
+            let own = if image == 0 { x } else { x.saturating_sub(columns * TIMES + GAP) };
+            if image == 1 && x < columns * TIMES + GAP {
+                return 255;
+            }
+            let spread =
+                f64::from(at(image, own / TIMES, y).saturating_sub(low)) / f64::from((high - low).max(1));
+            (255.0 * spread).min(255.0).round() as u8
         })
         .collect();
     let file = std::fs::File::create(path).expect("the folder takes files");
-    let mut encoder = png::Encoder::new(file, (columns * TIMES) as u32, (rows * TIMES) as u32);
+    let mut encoder = png::Encoder::new(file, across as u32, (rows * TIMES) as u32);
     encoder.set_color(png::ColorType::Grayscale);
     let mut writer = encoder.write_header().expect("a header is written");
     writer.write_image_data(&grey).expect("the picture is written");
