@@ -32,7 +32,7 @@ pub use live::LiveRenderer;
 pub use plan::ImagePlan;
 pub use png_file::{PngShape, png_bytes};
 pub use resample::{Canvas, Resampler};
-pub use run::{Batch, Observer, Options, Progress, Summary};
+pub use run::{Batch, Observer, Options, Progress, SPOT_PX, Summary};
 pub use selection::{FrameRange, Selection, Shard};
 pub use sheet::contact_sheet;
 pub use side_products::SideProducts;

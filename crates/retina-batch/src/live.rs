@@ -63,7 +63,7 @@ impl LiveRenderer {
         let Some(image) = self.source.finish()? else {
             return Err(BatchError::encode(format!("frame {}", frame.index), &"the renderer gave no image"));
         };
-        let light = self.plan.develop(&image, self.source.resampler.as_ref()).light;
-        Ok(self.picture.paint(frame.index, &light, Vec::new(), self.radiance_scale)?.png)
+        let developed = self.plan.develop(&image, self.source.resampler.as_ref());
+        Ok(self.picture.paint(frame.index, &developed, Vec::new(), self.radiance_scale)?.png)
     }
 }

@@ -1,9 +1,10 @@
 //! The image of a frame: a facility's screen image, or an ordinary one.
 
 use retina_geometry::Pinhole;
-use retina_scene::{Display, Scene, ShownPoint, SkyPoint};
+use retina_scene::{Display, DisplayedPoint, Scene, ShownPoint, SkyPoint};
 use retina_screen::{Encoded, PlainDisplay, PointPainter, Quantisation, ScreenEncoder};
 
+use crate::plan::Developed;
 use crate::png_file::{PngShape, png_bytes};
 use crate::{BatchError, stars};
 
@@ -17,7 +18,7 @@ pub(crate) struct Picture {
 
 #[derive(Debug, Clone)]
 enum Encoder {
-    Screen { screen: ScreenEncoder, quantisation: Quantisation, points: Option<PointPainter> },
+    Screen { screen: ScreenEncoder, quantisation: Quantisation, points: PointPainter },
     Plain(PlainDisplay),
 }
 
@@ -27,6 +28,8 @@ pub(crate) struct Painted {
     pub(crate) saturated_px: u64,
     /// The point sources in it.
     pub(crate) stars: Vec<ShownPoint>,
+    /// An unresolved body, shown as a point.
+    pub(crate) body: Option<DisplayedPoint>,
 }
 
 impl Picture {
@@ -35,7 +38,8 @@ impl Picture {
         let display = match &scene.display {
             Display::Facility(setup) => {
                 let screen = ScreenEncoder::new(setup);
-                let points = stars::painter(scene, &screen);
+                let response = screen.response().clone();
+                let points = PointPainter::new(scene.image, scene.distortion.clone(), response);
                 Encoder::Screen { screen, quantisation: scene.output.quantisation, points }
             }
             Display::Plain(plain) => Encoder::Plain(*plain),
@@ -58,22 +62,29 @@ impl Picture {
     pub(crate) fn paint(
         &self,
         index: usize,
-        light: &[f32],
+        developed: &Developed,
         sky: Vec<SkyPoint>,
         radiance_scale: f64,
     ) -> Result<Painted, BatchError> {
         let not_finite = |pixels| BatchError::NotFinite { frame: index, pixels };
-        let mut stars = Vec::new();
+        let light = &developed.light[..];
+        let (mut stars, mut body) = (Vec::new(), None);
         let (schema, channels, bits, bytes, saturated_px) = match &self.display {
             Encoder::Screen { screen, quantisation, points } => {
-                let mut encoded = if light.is_empty() {
+                let mut encoded = if light.is_empty() || developed.photocentre_px.is_some() {
                     Encoded { counts: vec![0; (self.width_px * self.height_px) as usize], saturated_px: 0 }
                 } else {
                     screen.encode(light, radiance_scale, *quantisation).map_err(not_finite)?
                 };
-                if let Some(painter) = points {
-                    stars = stars::draw(painter, &mut encoded.counts, sky, radiance_scale);
+                if let Some(at_px) = developed.photocentre_px {
+                    let total = points.irradiance_w_m2_nm(light);
+                    let pixels = light.iter().filter(|value| !value.is_finite()).count();
+                    if !total.is_finite() {
+                        return Err(not_finite(pixels));
+                    }
+                    body = stars::show(points, &mut encoded.counts, at_px, total * radiance_scale);
                 }
+                stars = stars::draw(points, &mut encoded.counts, sky, radiance_scale);
                 let rgb = equal_channels(&encoded.counts);
                 ("retina.screen/1", 3, 8, rgb, encoded.saturated_px)
             }
@@ -94,7 +105,7 @@ impl Picture {
         let shape = PngShape { width_px: self.width_px, height_px: self.height_px, channels, bits, filtered };
         let texts = [("schema", schema.to_string()), ("frame", index.to_string())];
         let png = png_bytes(&format!("frame {index}"), shape, &bytes, &texts)?;
-        Ok(Painted { png, saturated_px, stars })
+        Ok(Painted { png, saturated_px, stars, body })
     }
 }
 

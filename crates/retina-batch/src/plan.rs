@@ -1,5 +1,6 @@
 //! Which image is rendered for a frame, and how the screen's is made of it.
 
+use glam::DVec2;
 use retina_geometry::{Distortion, Pinhole, WarpMap};
 use retina_render::{PLANE_NAMES, Planes, RadianceImage};
 use retina_scene::{Compensation, Display, Layer, Scene};
@@ -30,6 +31,8 @@ pub(crate) struct Developed {
     /// Light of each of the picture's pixels: radiance, W m^-2 sr^-1 nm^-1, or radiance factor;
     /// empty where there is no body.
     pub(crate) light: Vec<f32>,
+    /// Where on the screen an unresolved body's light is to be shown, px.
+    pub(crate) photocentre_px: Option<DVec2>,
     /// The EXR's channels, where one is asked for.
     pub(crate) channels: Option<Channels>,
 }
@@ -112,6 +115,7 @@ impl ImagePlan {
             width_px,
             height_px,
             data: vec![0.0; planes * width_px as usize * height_px as usize],
+            photocentre_px: None,
         }
     }
 
@@ -119,12 +123,14 @@ impl ImagePlan {
     pub(crate) fn develop(&self, rendered: &RadianceImage, resampler: Option<&Resampler>) -> Developed {
         let channels = self.channels.as_ref().map(|names| self.crop(rendered, names));
         if rendered.plane_count() == 0 {
-            return Developed { light: Vec::new(), channels };
+            return Developed { light: Vec::new(), photocentre_px: None, channels };
         }
         // A warp on the GPU leaves the one plane that it made.
         let light = rendered.plane(self.light.min(rendered.plane_count() - 1));
         let light = resampler.map_or_else(|| light.to_vec(), |resampler| resampler.resample(light));
-        Developed { light, channels }
+        // Resampled light is already spread over several pixels.
+        let photocentre_px = rendered.photocentre_px.filter(|_| self.resampling.is_none());
+        Developed { light, photocentre_px, channels }
     }
 
     /// The channels over the screen's area.

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use retina_files::{InputError, hash_bytes, write_atomic};
 use retina_render::{Quality, RadianceImage};
-use retina_scene::{RadianceScale, Scene, SceneFrame};
+use retina_scene::{RadianceScale, Scene, SceneFrame, ShownPoint};
 use serde_json::json;
 
 use crate::folder::{Folder, ManifestLine, Record, frame_file};
@@ -74,6 +74,8 @@ pub struct Summary {
     pub saturated_px: u64,
     /// Selected frames that have such pixels.
     pub saturated_frames: usize,
+    /// Frames of this run with a planet or a star whose spot is no point: see [`SPOT_PX`].
+    pub spot_frames: usize,
     /// What rendered; `None` where there was nothing to render.
     pub adapter: Option<AdapterName>,
     /// The contact sheet.
@@ -95,7 +97,17 @@ struct Job {
     image: RadianceImage,
 }
 
-type Done = Result<u64, BatchError>;
+/// What is told of a finished frame.
+struct FrameDone {
+    saturated_px: u64,
+    has_spot: bool,
+}
+
+type Done = Result<FrameDone, BatchError>;
+
+/// A planet whose disc is wider than this, px, or a source that fills as wide a disc, is shown as a spot of
+/// equal light whose size is not its own.
+pub const SPOT_PX: f64 = 12.0;
 
 impl Batch {
     /// Prepares a run; nothing is written or rendered yet.
@@ -140,6 +152,7 @@ impl Batch {
             radiance_scale: found.as_ref().map_or(f64::NAN, |found| found.radiance_scale),
             saturated_px: saturated_before.iter().sum(),
             saturated_frames: saturated_before.iter().filter(|&&px| px > 0).count(),
+            spot_frames: 0,
             adapter: None,
             contact_sheet: None,
         };
@@ -288,7 +301,8 @@ impl Batch {
         let name = source.name.clone();
         let writer = FrameWriter { batch: self, folder, resampler, radiance_scale, name };
         let mut tell = |summary: &mut Summary, done: Done| -> Result<(), BatchError> {
-            let saturated_px = done?;
+            let FrameDone { saturated_px, has_spot } = done?;
+            summary.spot_frames += usize::from(has_spot);
             summary.done += 1;
             summary.saturated_px += saturated_px;
             summary.saturated_frames += usize::from(saturated_px > 0);
@@ -350,14 +364,13 @@ struct FrameWriter<'a> {
 }
 
 impl FrameWriter<'_> {
-    /// Writes a frame's files, the screen image last, then its line of the manifest; gives the
-    /// number of saturated pixels.
+    /// Writes a frame's files, the screen image last, then its line of the manifest.
     fn write(&self, job: Job) -> Done {
         let Job { frame, image } = job;
         let (batch, index) = (self.batch, frame.index);
         let developed = batch.plan.develop(&image, self.resampler.as_ref());
         let sky = batch.scene.sky(&frame)?;
-        let painted = batch.picture.paint(index, &developed.light, sky, self.radiance_scale)?;
+        let painted = batch.picture.paint(index, &developed, sky, self.radiance_scale)?;
         let mut outputs = BTreeMap::new();
         if let Some(channels) = developed.channels {
             let metadata = json!({
@@ -379,7 +392,7 @@ impl FrameWriter<'_> {
                 self.put(file, &bytes, &mut outputs)?;
             }
         }
-        let truth = batch.scene.truth(&frame, self.radiance_scale, &painted.stars);
+        let truth = batch.scene.truth(&frame, self.radiance_scale, &painted.stars, painted.body);
         let mut text =
             serde_json::to_vec_pretty(&truth).map_err(|error| BatchError::encode("the truth", &error))?;
         text.push(b'\n');
@@ -394,7 +407,17 @@ impl FrameWriter<'_> {
             painted.saturated_px,
             &self.name,
         ))?;
-        Ok(painted.saturated_px)
+        let has_spot = painted.stars.iter().any(|star| self.is_spot(star));
+        Ok(FrameDone { saturated_px: painted.saturated_px, has_spot })
+    }
+
+    fn is_spot(&self, star: &ShownPoint) -> bool {
+        let disc_px = star
+            .point
+            .planet
+            .map_or(0.0, |planet| 2.0 * planet.angular_radius_rad * self.batch.scene.image.fx_px);
+        let filled = star.displayed.map_or(0.0, |shown| shown.pixels as f64);
+        disc_px > SPOT_PX || filled > std::f64::consts::FRAC_PI_4 * SPOT_PX * SPOT_PX
     }
 
     fn put(

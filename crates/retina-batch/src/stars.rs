@@ -1,14 +1,9 @@
 //! Stars and planets drawn into a screen image.
 
+use glam::DVec2;
 use retina_radiometry::{irradiance_of_magnitude_w_m2_nm, magnitude_of_irradiance};
-use retina_scene::{Display, DisplayedPoint, Scene, ShownPoint, SkyPoint};
-use retina_screen::{PointPainter, ScreenEncoder};
-
-/// The painter of a scene's point sources; `None` without stars. (A plain image shows none.)
-pub(crate) fn painter(scene: &Scene, screen: &ScreenEncoder) -> Option<PointPainter> {
-    let drawn = scene.stars.is_some() && matches!(scene.display, Display::Facility(_));
-    drawn.then(|| PointPainter::new(scene.image, scene.distortion.clone(), screen.response().clone()))
-}
+use retina_scene::{DisplayedPoint, ShownPoint, SkyPoint};
+use retina_screen::PointPainter;
 
 /// Draws a frame's point sources into its counts and says what is shown of each that is on the screen.
 pub(crate) fn draw(
@@ -23,18 +18,28 @@ pub(crate) fn draw(
             return None;
         }
         let wanted_w_m2_nm = irradiance_of_magnitude_w_m2_nm(point.magnitude) * radiance_scale;
-        let shown = painter.draw(counts, screen_px, wanted_w_m2_nm);
         Some(ShownPoint {
             wanted_magnitude: magnitude_of_irradiance(wanted_w_m2_nm),
             point,
             screen_px,
-            displayed: shown.map(|shown| DisplayedPoint {
-                barycentre_px: shown.splat.displayed_px,
-                magnitude: magnitude_of_irradiance(shown.splat.displayed_w_m2_nm),
-                pixels: shown.splat.pixels.len(),
-                blended: shown.blended,
-            }),
+            displayed: show(painter, counts, screen_px, wanted_w_m2_nm),
         })
     };
     points.into_iter().filter_map(on_screen).collect()
+}
+
+/// Draws one source of an irradiance, W m^-2 nm^-1 at the pupil.
+pub(crate) fn show(
+    painter: &PointPainter,
+    counts: &mut [u8],
+    at_px: DVec2,
+    irradiance_w_m2_nm: f64,
+) -> Option<DisplayedPoint> {
+    let shown = painter.draw(counts, at_px, irradiance_w_m2_nm)?;
+    Some(DisplayedPoint {
+        barycentre_px: shown.splat.displayed_px,
+        magnitude: magnitude_of_irradiance(shown.splat.displayed_w_m2_nm),
+        pixels: shown.splat.pixels.len(),
+        blended: shown.blended,
+    })
 }

@@ -207,3 +207,66 @@ fn what_does_not_fit_is_refused() {
         &["poses.csv", "where the body `rock` is", "rock_x_m", "barycentre"],
     );
 }
+
+#[test]
+fn an_unresolved_body_is_shown_as_a_point() {
+    // 0.3 px of radius at four sub-pixel places: the sphere's disc at full phase is 2/3 of the normal
+    // albedo bright (Lambert), its photocentre its centre.
+    let distance_m = FOCAL_PX * RADIUS_M / 0.3;
+    let scale = 0.005;
+    let fixture = Fixture::new();
+    fixture.edit("scene.toml", "\"auto\"", &scale.to_string());
+    let mut poses = format!("{HEADER}\n");
+    let offsets = [(0.0, 0.0), (0.3, 0.1), (-0.27, 0.44), (7.61, -3.2)];
+    for (frame, (x, y)) in offsets.iter().enumerate() {
+        let per_px = distance_m / FOCAL_PX;
+        poses += &format!("{frame},{},{},{},1,0,0,0,0,0,{}\n", -x * per_px, -y * per_px, -distance_m, -AU_M);
+    }
+    fixture.write("poses.csv", &poses);
+    assert_done(&fixture.render("out", &[]));
+    let expected = 0.12 * 2.0 / 3.0 * 1.856 * (RADIUS_M / distance_m).powi(2) * scale / 3.67e-11;
+    for (frame, (x, y)) in offsets.iter().enumerate() {
+        let path = fixture.path(&format!("out/truth/{frame:06}.json"));
+        let truth: Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
+        let rock = &truth["bodies"]["rock"];
+        let (shown, center) = (pair(&rock["displayed_px"]), pair(&rock["center_px"]));
+        assert!((center[0] - 80.0 - x).abs() < 1e-9 && (center[1] - 50.0 - y).abs() < 1e-9);
+        assert!((shown[0] - center[0]).hypot(shown[1] - center[1]) < 0.02, "{shown:?} {center:?}");
+        let magnitude = rock["displayed_magnitude"].as_f64().unwrap();
+        // The mesh of 16 cells lacks some per cent of the sphere's disc.
+        assert!((magnitude + 2.5 * expected.log10()).abs() < 0.03, "{magnitude} {}", -2.5 * expected.log10());
+        let lit = counts(&fixture.path(&format!("out/frames/{frame:06}.png")));
+        assert!(lit.iter().filter(|&&count| count > 0).count() <= 4);
+    }
+}
+
+#[test]
+fn keys_of_deep_space_are_blamed_by_their_names() {
+    for (key, words) in [
+        ("distance_au = [5.0, 1.0]", ["trajectory.distance_au", "in order"]),
+        ("greatest_latitude_deg = 95.0", ["trajectory.greatest_latitude_deg", "0 to 90 deg"]),
+        ("least_sun_angle_deg = 180.0", ["trajectory.least_sun_angle_deg", "0 to 170 deg"]),
+        ("from = \"1800-01-01\"", ["trajectory.from", "1900 to 2100"]),
+        ("from = \"2040-01-01\"", ["trajectory.until", "after that of `from`"]),
+    ] {
+        let fixture = fixture(&[]);
+        fixture.edit(
+            "scene.toml",
+            "\"poses.csv\"",
+            &format!("{{ kind = \"deep-space\", frames = 3, {key} }}"),
+        );
+        fixture.edit("scene.toml", "catalogue = \"stars.csv\"\n", "");
+        assert_refused(&fixture.render("out", &[]), &words);
+    }
+}
+
+#[test]
+fn a_source_of_any_brightness_is_shown_in_time() {
+    let fixture = fixture(&[star("a", 30.0, 2.5, -30.0)]);
+    let made = fixture.render("out", &[]);
+    assert_done(&made);
+    assert!(common::stderr(&made).contains("as a spot"), "{}", common::stderr(&made));
+    let shown = truth(&fixture)["stars"][0]["displayed_magnitude"].as_f64().unwrap();
+    // At most 160 x 100 full pixels of magnitude -1.44, at least a quarter of 10 000.
+    assert!((-12.0..-9.9).contains(&shown), "{shown}");
+}

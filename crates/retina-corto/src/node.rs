@@ -5,6 +5,28 @@ use std::path::Path;
 use retina_files::{InputError, nearest, read_text};
 use serde_json::{Map, Value};
 
+/// CORTO's own keys that a file may have beside the one that is missing.
+const KNOWN: [&str; 18] = [
+    "camera_settings",
+    "sun_settings",
+    "body_settings",
+    "rendering_settings",
+    "fov",
+    "res_x",
+    "res_y",
+    "film_exposure",
+    "sensor",
+    "K",
+    "clip_start",
+    "clip_end",
+    "bit_encoding",
+    "viewtransform",
+    "angle",
+    "energy",
+    "position",
+    "orientation",
+];
+
 /// Reads a JSON file.
 ///
 /// # Errors
@@ -79,7 +101,9 @@ impl<'a> Node<'a> {
             None => {
                 let error = InputError::new(self.file, format!("the key `{}` is missing", self.child(key)))
                     .expected(expected);
-                let near = nearest(key, table.keys().map(String::as_str));
+                // A key that CORTO knows is no slip of the pen for another.
+                let strangers = table.keys().map(String::as_str).filter(|key| !KNOWN.contains(key));
+                let near = nearest(key, strangers);
                 Err(match near {
                     Some(near) => error.help(format!("is `{}` meant?", near.escape_default())),
                     None => error,

@@ -274,7 +274,7 @@ impl SideProducts for Products {
                         };
                         let body = with(&|pixel| coverage[pixel] >= 0.5);
                         files.push(self.mask(frame, "mask", &body)?);
-                        let lit = with(&|pixel| light[pixel] > 0.0);
+                        let lit = with(&|pixel| coverage[pixel] >= 0.5 && light[pixel] > 0.0);
                         files.push(self.mask(frame, "mask-lit", &lit)?);
                     }
                 }

@@ -23,7 +23,7 @@ use crate::pose::Pose;
 /// Poses that may wait.
 const QUEUE: usize = 64;
 /// A datagram is read up to here: more than any pose has, so that a longer one is told.
-const LONGEST_DATAGRAM: usize = 2048;
+const LONGEST_DATAGRAM: usize = 65_536;
 /// How often a thread looks whether it is to end.
 const BEAT: Duration = Duration::from_millis(20);
 /// A client that takes nothing for so long is gone.

@@ -43,7 +43,7 @@ pub(crate) struct BodyTable {
 
 /// One factor, or one along each axis.
 #[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "a number, or a list [x, y, z] of three")]
 pub(crate) enum ScaleKey {
     All(f64),
     Each([f64; 3]),

@@ -1,6 +1,6 @@
 //! What a renderer is asked for and what it gives back.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use retina_geometry::{Distortion, Pinhole};
 use retina_model::Body;
 use retina_radiometry::{Geometry, Photometry};
@@ -136,6 +136,9 @@ pub struct RadianceImage {
     pub height_px: u32,
     /// The planes, one after the other: spectral radiance at 550 nm (W m^-2 sr^-1 nm^-1), I/F, ...
     pub data: Vec<f32>,
+    /// Where the frame's one body is unresolved (its bounding sphere's radius is 0.75 px or less): the
+    /// centroid of its light, px. The pixels hold how much light there is, not where in a pixel.
+    pub photocentre_px: Option<DVec2>,
 }
 
 impl RadianceImage {

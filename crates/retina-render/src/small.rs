@@ -12,6 +12,9 @@ const WINDOW: u32 = 128;
 const LARGEST_SIDE_PX: f64 = 12.0;
 /// Bodies whose bounding sphere has a larger radius are rendered as they are, px.
 const LARGEST_RADIUS_PX: f64 = 4.0;
+/// A body no larger than this is a point to the screen, px: what a pixel's mean loses of the place of a
+/// larger one is less than what a point's counts do.
+const UNRESOLVED_RADIUS_PX: f64 = 0.75;
 /// Index of the coverage among the planes; the planes after it are means over what is covered.
 const MASK: usize = 2;
 
@@ -42,6 +45,8 @@ pub(crate) struct Window {
     step_px: f64,
     width_px: u32,
     height_px: u32,
+    /// There is one body, and it is unresolved.
+    unresolved: bool,
 }
 
 impl Window {
@@ -49,11 +54,13 @@ impl Window {
     /// and the frame as it is to be rendered.
     pub(crate) fn of(state: &FrameState, bounding_radii_m: &[f64]) -> Option<(Self, FrameState)> {
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        let (mut in_front, mut largest_px) = (0, 0.0f64);
         for (body, &radius_m) in bounding_radii_m.iter().enumerate() {
             if state.bodies[body].position_camera_m.z + radius_m <= 0.0 {
                 continue;
             }
             let (center, radius_px) = small_disc(state, body, radius_m)?;
+            (in_front, largest_px) = (in_front + 1, largest_px.max(radius_px));
             low = low.min(center - radius_px);
             high = high.max(center + radius_px);
         }
@@ -73,7 +80,8 @@ impl Window {
             width_px: WINDOW,
             height_px: WINDOW,
         };
-        let window = Self { corner_px, step_px, width_px: k.width_px, height_px: k.height_px };
+        let unresolved = in_front == 1 && largest_px <= UNRESOLVED_RADIUS_PX;
+        let window = Self { corner_px, step_px, width_px: k.width_px, height_px: k.height_px, unresolved };
         Some((window, FrameState { image, ..state.clone() }))
     }
 
@@ -114,7 +122,19 @@ impl Window {
             }
         }
         let data = data.into_iter().map(|value| value as f32).collect();
-        RadianceImage { width_px: self.width_px, height_px: self.height_px, data }
+        let photocentre_px = self.unresolved.then(|| self.photocentre_px(fine)).flatten();
+        RadianceImage { width_px: self.width_px, height_px: self.height_px, data, photocentre_px }
+    }
+
+    /// Centroid of the light in the image; `None` where there is none.
+    fn photocentre_px(&self, fine: &RadianceImage) -> Option<DVec2> {
+        let (mut light, mut moment) = (0.0, DVec2::ZERO);
+        for (at, &value) in fine.radiance().iter().enumerate() {
+            let place = DVec2::new((at % WINDOW as usize) as f64, (at / WINDOW as usize) as f64) + 0.5;
+            light += f64::from(value);
+            moment += f64::from(value) * place;
+        }
+        (light > 0.0).then(|| self.corner_px + moment / light * self.step_px)
     }
 
     /// For each fine pixel along an axis the pixels that it lies in, and how much of each it covers.

@@ -238,7 +238,6 @@ impl Check<'_> {
 
     /// An error about this frame, which names it also where the table's line does.
     fn error(&self, problem: impl Into<String>) -> InputError {
-        let problem = format!("frame {}: {}", self.frame.index, problem.into());
         self.scene.trajectory.error_at(self.frame.index, problem)
     }
 }

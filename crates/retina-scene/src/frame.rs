@@ -115,7 +115,7 @@ impl Scene {
             body_from_inertial(name, pose.time_s - light_time_s).ok_or_else(|| {
                 missing(
                     format!("nothing says how the body `{name}` is turned"),
-                    &format!("columns {name}_from_inertial_w, _x, _y, _z, or the body `moon` or `earth`"),
+                    &format!("columns {name}_from_inertial_w, _x, _y, _z, or one of moon, earth, mars, saturn, uranus, whose axes are known"),
                 )
             })?
         };

@@ -145,6 +145,37 @@ fn lumio_halo(scene: &Path, table: &GeneratedTable, bodies: &[String]) -> Result
     Ok(made.map_err(|error| InputError::new(scene, error.to_string()).at("key `trajectory`"))?.0)
 }
 
+/// The numbers of a deep-space trajectory, by their keys.
+fn check_deep_space(scene: &Path, table: &GeneratedTable) -> Result<(), InputError> {
+    let refuse = |key: &str, found: String, expected: &str| {
+        Err(InputError::new(scene, "the value does not fit")
+            .at(format!("key `trajectory.{key}`"))
+            .found(found)
+            .expected(expected))
+    };
+    if let Some([low, high]) = table.distance_au
+        && !(low > 0.0 && low <= high && high <= 1e3)
+    {
+        return refuse(
+            "distance_au",
+            format!("[{low}, {high}]"),
+            "two distances in order, above 0 and at most 1000 au",
+        );
+    }
+    for (key, value, most) in [
+        ("greatest_latitude_deg", table.greatest_latitude_deg, 90.0),
+        ("least_sun_angle_deg", table.least_sun_angle_deg, 170.0),
+    ] {
+        if let Some(value) = value.filter(|value| !(0.0..=most).contains(value)) {
+            return refuse(key, value.to_string(), &format!("0 to {most} deg"));
+        }
+    }
+    if table.planets.as_ref().is_some_and(Vec::is_empty) {
+        return refuse("planets", "none".to_owned(), "one planet at least");
+    }
+    Ok(())
+}
+
 fn deep_space(
     scene: &Path,
     file: &SceneFile,
@@ -157,12 +188,23 @@ fn deep_space(
             .expected("a table [stars]")
             .help("add [stars] to the scene"));
     }
+    check_deep_space(scene, table)?;
     let mut wanted = DeepSpace { frames: table.frames, ..DeepSpace::default() };
     wanted.seed = table.seed.unwrap_or(file.seed);
     for (limit, key, text) in [(0, "from", &table.from), (1, "until", &table.until)] {
         if let Some(text) = text {
             wanted.epochs_tdb_s[limit] = epoch_s(scene, key, text)?;
+            SolarSystem::at(wanted.epochs_tdb_s[limit]).map_err(|error| {
+                InputError::new(scene, error.to_string())
+                    .at(format!("key `trajectory.{key}`"))
+                    .found(format!("`{text}`"))
+            })?;
         }
+    }
+    if wanted.epochs_tdb_s[0] > wanted.epochs_tdb_s[1] {
+        return Err(InputError::new(scene, "the span of epochs ends before it begins")
+            .at("key `trajectory.until`")
+            .expected("an epoch after that of `from`"));
     }
     wanted.sun_distance_au = table.distance_au.unwrap_or(wanted.sun_distance_au);
     let radians = |given: Option<f64>, otherwise: f64| given.map_or(otherwise, f64::to_radians);

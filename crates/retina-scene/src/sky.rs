@@ -139,9 +139,8 @@ impl Scene {
     }
 
     fn sky_error(&self, frame: &SceneFrame, error: &dyn std::fmt::Display) -> InputError {
-        let problem = format!("frame {}: {error}", frame.index);
         self.trajectory
-            .error_at(frame.index, problem)
+            .error_at(frame.index, error.to_string())
             .help("with a table [stars], time_s is TDB seconds since J2000 and positions are barycentric, m")
     }
 

@@ -5,19 +5,25 @@ use retina_geometry::{LimbEllipse, limb_ellipse};
 use retina_sky::time::format_epoch_tdb;
 use serde_json::{Map, Value, json};
 
-use crate::{Scene, SceneFrame, ShownPoint};
+use crate::{DisplayedPoint, Scene, SceneFrame, ShownPoint};
 
 impl Scene {
-    /// The ground truth of a frame shown at `radiance_scale`, with the point sources that were drawn, as
-    /// the JSON document's value.
+    /// The ground truth of a frame shown at `radiance_scale`, with the point sources that were drawn and
+    /// what is shown of a body that is one of them, as the JSON document's value.
     /// Numbers are printed so that reading them gives the same bits.
-    pub fn truth(&self, frame: &SceneFrame, radiance_scale: f64, stars: &[ShownPoint]) -> Value {
+    pub fn truth(
+        &self,
+        frame: &SceneFrame,
+        radiance_scale: f64,
+        stars: &[ShownPoint],
+        unresolved: Option<DisplayedPoint>,
+    ) -> Value {
         let image = self.image;
         let mut bodies = Map::new();
         for ((body, at), turn) in self.bodies.iter().zip(&frame.bodies).zip(&frame.camera_from_body) {
             let limb =
                 limb_ellipse(&image, at.position_camera_m, at.camera_from_body, body.reference_semi_axes_m);
-            let entry = json!({
+            let mut entry = json!({
                 "position_camera_m": at.position_camera_m.to_array(),
                 "distance_m": at.position_camera_m.length(),
                 "camera_from_body": scalar_first(*turn),
@@ -29,6 +35,12 @@ impl Scene {
                 "reference_semi_axes_m": body.reference_semi_axes_m.to_array(),
                 "limb_ellipse_px": limb.map(ellipse),
             });
+            if let (Some(shown), Some(entry)) = (unresolved, entry.as_object_mut())
+                && at.position_camera_m.z > 0.0
+            {
+                entry.insert("displayed_px".into(), json!(shown.barycentre_px.to_array()));
+                entry.insert("displayed_magnitude".into(), json!(shown.magnitude));
+            }
             bodies.insert(body.name.clone(), entry);
         }
         json!({

@@ -58,6 +58,18 @@ impl PointPainter {
         determinant / (1.0 + sight.length_squared()).powf(1.5)
     }
 
+    /// What an image of radiance (W m^-2 sr^-1 nm^-1, the screen's pixels) sends into the pupil as a whole,
+    /// W m^-2 nm^-1: the sum of radiance times the pixels' solid angles.
+    pub fn irradiance_w_m2_nm(&self, radiance: &[f32]) -> f64 {
+        let width = self.image.width_px as usize;
+        let light = |(at, &value): (usize, &f32)| {
+            let center = DVec2::new((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
+            f64::from(value) * self.relative_sr(center)
+        };
+        let lit = radiance.iter().enumerate().filter(|(_, value)| **value != 0.0);
+        lit.map(light).sum::<f64>() * self.image.boresight_pixel_sr()
+    }
+
     /// Adds a source of an irradiance (W m^-2 nm^-1 at the pupil) to a screen image's counts, where
     /// they are dark by counts of its own, where they are lit by the count nearest to the sum.
     /// `None`: it is off the screen, or too dim for it.

@@ -18,6 +18,8 @@ const POSITION_UNIT_PX: f64 = 0.05;
 const MAGNITUDE_UNIT: f64 = 0.02;
 /// A source dimmer than this part of the smallest count is not shown.
 const LEAST_PART: f64 = 0.5;
+/// A brighter source is no point any more; this many full pixels are shown of it.
+const MOST_PIXELS: f64 = 10_000.0;
 /// Passes that centre a disc: each leaves a few per cent of the offset.
 const DISC_PASSES: usize = 12;
 /// Halvings that find its radius.
@@ -65,7 +67,8 @@ pub(crate) struct Ground<'a> {
 }
 
 impl Ground<'_> {
-    /// Shows an irradiance (W m^-2 nm^-1, at the pupil) at a position of the screen. `relative_sr`
+    /// Shows an irradiance (W m^-2 nm^-1, at the pupil) at a position of the screen, of a very bright
+    /// source as much as [`MOST_PIXELS`] send. `relative_sr`
     /// gives a pixel's solid angle, boresight = 1, for the position of its centre. `None`: the
     /// position is off the screen, or the source dimmer than half of what count 1 sends.
     pub(crate) fn splat(
@@ -80,12 +83,13 @@ impl Ground<'_> {
         if !(inside && wanted_w_m2_nm.is_finite() && wanted_w_m2_nm > 0.0) {
             return None;
         }
-        let wanted = Wanted { response: self.response, flux: wanted_w_m2_nm };
         let site = |column: u32, row: u32| {
             let center_px = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
             Site { column, row, offset_px: center_px - wanted_px, relative_sr: relative_sr(center_px) }
         };
         let cell = self.cell(wanted_px).map(|(column, row)| site(column, row));
+        let most = MOST_PIXELS * self.response.brightest_w_m2_nm() * cell[0].relative_sr;
+        let wanted = Wanted { response: self.response, flux: wanted_w_m2_nm.min(most) };
         if wanted_w_m2_nm < LEAST_PART * wanted.light(&cell[0], 1) {
             return None;
         }

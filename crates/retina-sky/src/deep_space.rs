@@ -113,7 +113,9 @@ impl Default for DeepSpace {
                 Planet::Saturn,
             ],
             sun_exclusion_rad: 20.0_f64.to_radians(),
-            field_rad: [16.09, 12.10].map(f64::to_radians),
+            // 2048 x 1536 pixels of 3.45 um behind 25 mm: 16.09 x 12.10 deg.
+            field_rad: [2048.0, 1536.0]
+                .map(|pixels: f64| 2.0 * (0.5 * (pixels / (25.0 * 1e3 / 3.45))).atan()),
         }
     }
 }

@@ -113,12 +113,15 @@ impl RotationalElements {
     }
 }
 
-/// The rotation from ICRF axes to those of `moon` or `earth` (x prime meridian, z north) at an
-/// epoch in TDB seconds since J2000; `None` for a body not known here.
+/// The rotation from ICRF axes to those of `moon`, `earth`, `mars`, `saturn` or `uranus` (x prime
+/// meridian, z north) at an epoch in TDB seconds since J2000; `None` for a body not known here.
 pub fn body_from_inertial(name: &str, tdb_s: f64) -> Option<DQuat> {
     let elements = match name {
         "moon" => RotationalElements::moon(tdb_s),
         "earth" => RotationalElements::earth(tdb_s),
+        "mars" => RotationalElements::mars(tdb_s),
+        "saturn" => RotationalElements::saturn(tdb_s),
+        "uranus" => RotationalElements::uranus(tdb_s),
         _ => return None,
     };
     Some(elements.body_from_inertial())

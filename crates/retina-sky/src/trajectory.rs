@@ -161,10 +161,12 @@ impl Trajectory {
 
     /// An error about a frame (counted from 0), with its line where it came from a file.
     pub fn error_at(&self, frame: usize, problem: impl Into<String>) -> InputError {
-        let error = InputError::new(&self.source, problem);
+        // Where there is a line, the place is that, and the problem says which frame it is.
         match self.lines.get(frame) {
-            Some(&line) => error.line(line),
-            None => error.at(format!("frame {frame}")),
+            Some(&line) => {
+                InputError::new(&self.source, format!("frame {frame}: {}", problem.into())).line(line)
+            }
+            None => InputError::new(&self.source, problem).at(format!("frame {frame}")),
         }
     }
 

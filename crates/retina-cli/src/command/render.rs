@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use retina_batch::{Batch, FrameRange, Options, Selection, Shard, Summary};
+use retina_batch::{Batch, FrameRange, Options, SPOT_PX, Selection, Shard, Summary};
 use retina_render::Quality;
 use retina_scene::Scene;
 use serde_json::json;
@@ -93,6 +93,13 @@ fn report(summary: &Summary) {
         }
         _ => eprintln!("retina: nothing to do, the selection holds no frame; {dir}"),
     }
+    if summary.spot_frames > 0 {
+        eprintln!(
+            "retina: warning: {} frames show a planet or star as a spot wider than {SPOT_PX} pixels: its light is right, its \
+             size is not; make it a body of the scene",
+            summary.spot_frames,
+        );
+    }
     if summary.saturated_px > 0 {
         eprintln!(
             "retina: warning: {} pixels in {} frames are brighter than the screen can show; a smaller radiance_scale \
@@ -114,6 +121,7 @@ fn document(summary: &Summary) -> serde_json::Value {
         "radiance_scale": summary.radiance_scale,
         "saturated_px": summary.saturated_px,
         "saturated_frames": summary.saturated_frames,
+        "spot_frames": summary.spot_frames,
         "backend": name.map(|name| name.backend),
         "adapter": name.map(|name| &name.adapter),
         "driver": name.map(|name| &name.driver),

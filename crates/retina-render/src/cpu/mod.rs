@@ -160,7 +160,12 @@ impl CpuRenderer {
                 data[at..at + width].copy_from_slice(&row[plane * width..(plane + 1) * width]);
             }
         }
-        RadianceImage { width_px: state.image.width_px, height_px: state.image.height_px, data }
+        RadianceImage {
+            width_px: state.image.width_px,
+            height_px: state.image.height_px,
+            data,
+            photocentre_px: None,
+        }
     }
 
     /// Mean over a pixel of the planes of [`crate::PLANE_NAMES`].

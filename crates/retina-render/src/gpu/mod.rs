@@ -276,7 +276,12 @@ impl GpuRenderer {
         if cut_short > 0 {
             return Err(RenderError::CutShort(cut_short));
         }
-        let image = RadianceImage { width_px: pending.size[0], height_px: pending.size[1], data };
+        let image = RadianceImage {
+            width_px: pending.size[0],
+            height_px: pending.size[1],
+            data,
+            photocentre_px: None,
+        };
         Ok(Some(match pending.window {
             Some(window) => window.place(&image),
             None => image,
