@@ -33,6 +33,9 @@ enum Command {
     Trajectory(command::trajectory::Arguments),
     /// Makes the contact sheet of a folder of frames.
     Sheet(command::sheet::Arguments),
+    /// Traces lens systems: spots, wavefronts, tolerances, drawings.
+    #[command(subcommand)]
+    Optics(command::optics::Command),
     /// Says which graphics adapter would render.
     Adapter(command::adapter::Arguments),
 }
@@ -45,6 +48,7 @@ fn main() -> ExitCode {
         Command::Body(arguments) => command::body::run(arguments),
         Command::Trajectory(arguments) => command::trajectory::run(arguments),
         Command::Sheet(arguments) => command::sheet::run(arguments),
+        Command::Optics(command) => command::optics::run(command),
         Command::Adapter(arguments) => command::adapter::run(&arguments),
     };
     match result {

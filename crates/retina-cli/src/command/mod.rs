@@ -2,6 +2,7 @@
 
 pub(crate) mod adapter;
 pub(crate) mod body;
+pub(crate) mod optics;
 pub(crate) mod render;
 pub(crate) mod sheet;
 pub(crate) mod trajectory;
