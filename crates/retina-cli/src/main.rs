@@ -35,6 +35,9 @@ enum Command {
     Trajectory(command::trajectory::Arguments),
     /// Makes the contact sheet of a folder of frames.
     Sheet(command::sheet::Arguments),
+    /// Traces lens systems: spots, wavefronts, tolerances, drawings.
+    #[command(subcommand)]
+    Optics(command::optics::Command),
     /// Says which graphics adapter would render.
     Adapter(command::adapter::Arguments),
 }
@@ -48,6 +51,7 @@ fn main() -> ExitCode {
         Command::Body(arguments) => command::body::run(arguments),
         Command::Trajectory(arguments) => command::trajectory::run(arguments),
         Command::Sheet(arguments) => command::sheet::run(arguments),
+        Command::Optics(command) => command::optics::run(command),
         Command::Adapter(arguments) => command::adapter::run(&arguments),
     };
     match result {
@@ -66,8 +70,8 @@ fn print_json(document: &serde_json::Value) {
 }
 
 /// A file of one kind is to be written: its folder must be there and its name end as it should.
-fn check_target(path: &std::path::Path, extension: &str) -> Result<(), Failure> {
-    check_folder(path)?;
+fn check_file(path: &std::path::Path, extension: &str) -> Result<(), Failure> {
+    check_target(path)?;
     let found = path.extension().and_then(|extension| extension.to_str()).unwrap_or("");
     if found.eq_ignore_ascii_case(extension) {
         return Ok(());
@@ -80,7 +84,7 @@ fn check_target(path: &std::path::Path, extension: &str) -> Result<(), Failure> 
 }
 
 /// Where a file is to be written, its folder must be: `Err` names the folder that is not.
-fn check_folder(path: &std::path::Path) -> Result<(), Failure> {
+fn check_target(path: &std::path::Path) -> Result<(), Failure> {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
             Err(retina_files::InputError::new(path, "cannot be written: its folder does not exist")

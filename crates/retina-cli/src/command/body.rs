@@ -55,7 +55,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
-    crate::check_target(&arguments.out, "glb")?;
+    crate::check_file(&arguments.out, "glb")?;
     let longitude_left_deg = arguments.longitude_left_deg;
     let built = build_body(&BuildSpec {
         name: arguments.name,

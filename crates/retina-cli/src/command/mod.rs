@@ -3,6 +3,7 @@
 pub(crate) mod adapter;
 pub(crate) mod body;
 pub(crate) mod corto;
+pub(crate) mod optics;
 pub(crate) mod render;
 pub(crate) mod serve;
 pub(crate) mod sheet;

@@ -52,7 +52,7 @@ enum Kind {
 }
 
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
-    crate::check_target(&arguments.out, "csv")?;
+    crate::check_file(&arguments.out, "csv")?;
     let (wanted, foreign) = match arguments.kind {
         Kind::LumioHalo => (LumioHalo::default().frames, arguments.seed.map(|_| "--seed")),
         Kind::DeepSpace => {

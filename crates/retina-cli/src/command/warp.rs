@@ -38,7 +38,7 @@ enum Direction {
 }
 
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
-    crate::check_folder(&arguments.out)?;
+    crate::check_target(&arguments.out)?;
     let setup = Setup::read(&arguments.setup)?;
     let calibration = Calibration::read(&arguments.calibration, &setup)?;
     let (direction, name) = match arguments.direction {

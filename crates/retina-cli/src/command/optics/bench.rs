@@ -1,0 +1,191 @@
+//! `retina optics design`.
+
+use std::path::PathBuf;
+
+use retina_files::write_atomic;
+use retina_geometry::Setup;
+use retina_optics::constraints::{BenchLimits, PaperModel};
+use retina_optics::design::{BenchLenses, Camera, MatchBy, Screen, bench_design, bench_figure, setup_toml};
+
+use super::Output;
+use super::constraints::check;
+use crate::failure::Failure;
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Focal length of the camera's objective, mm.
+    #[arg(long, value_name = "MM")]
+    camera_focal_mm: f64,
+    /// The sensor: columns x rows @ pixel pitch in um.
+    #[arg(long, value_name = "WxH@UM", value_parser = sensor, default_value = "2048x1536@3.45")]
+    sensor: Sensor,
+    /// F-number of the objective.
+    #[arg(long, value_name = "N", default_value_t = 2.8)]
+    f_number: f64,
+    /// Bits of the camera's digital numbers.
+    #[arg(long, value_name = "BITS", default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..=32))]
+    camera_bits: u32,
+    /// Take the screen from this setup; the paper's display if not given.
+    #[arg(long, value_name = "FILE")]
+    screen_of: Option<PathBuf>,
+    /// Focal length of the collimator, mm.
+    #[arg(long, value_name = "MM")]
+    f_c: f64,
+    /// Focal length of the relay, mm.
+    #[arg(long, value_name = "MM")]
+    f_r: f64,
+    /// Clear diameter of both lenses, mm.
+    #[arg(long, value_name = "MM", default_value_t = PaperModel::LENS_DIAMETER_MM)]
+    lens_mm: f64,
+    /// Camera pupil to collimator, mm; 1.3 times the collimator's focal length if not given.
+    #[arg(long, value_name = "MM")]
+    s_cam_mm: Option<f64>,
+    /// The extent in which the camera's field and the screen are matched.
+    #[arg(long, value_enum, default_value_t)]
+    match_by: Matching,
+    /// Name of the configuration.
+    #[arg(long, default_value = "camera")]
+    name: String,
+    /// The setup.toml to write.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// `--match-by`.
+#[derive(Clone, Copy, Default, clap::ValueEnum)]
+pub(super) enum Matching {
+    /// Heights (eq. 13).
+    #[default]
+    Height,
+    /// Widths.
+    Width,
+    /// Diagonals.
+    Diagonal,
+}
+
+impl From<Matching> for MatchBy {
+    fn from(matching: Matching) -> Self {
+        match matching {
+            Matching::Height => Self::Height,
+            Matching::Width => Self::Width,
+            Matching::Diagonal => Self::Diagonal,
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Sensor {
+    width_px: u32,
+    height_px: u32,
+    pixel_um: f64,
+}
+
+fn sensor(text: &str) -> Result<Sensor, String> {
+    let parts = text.split_once('@').and_then(|(size, pitch)| {
+        let (width, height) = size.split_once('x')?;
+        Some((width.parse().ok()?, height.parse().ok()?, pitch.parse().ok()?))
+    });
+    match parts {
+        Some((width_px, height_px, pixel_um))
+            if width_px > 0 && height_px > 0 && pixel_um > 0.0 && pixel_um < 1e4 =>
+        {
+            Ok(Sensor { width_px, height_px, pixel_um })
+        }
+        _ => Err("expected columns x rows @ pixel pitch in um, such as 2048x1536@3.45".into()),
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    arguments.output.check()?;
+    arguments.out.as_deref().map_or(Ok(()), crate::check_target)?;
+    let s_cam_mm = arguments.s_cam_mm.unwrap_or(1.3 * arguments.f_c);
+    check(&[
+        ("--camera-focal-mm", arguments.camera_focal_mm),
+        ("--f-number", arguments.f_number),
+        ("--f-c", arguments.f_c),
+        ("--f-r", arguments.f_r),
+        ("--lens-mm", arguments.lens_mm),
+        ("--s-cam-mm", s_cam_mm),
+    ])?;
+    let Sensor { width_px, height_px, pixel_um } = arguments.sensor;
+    let camera = Camera {
+        width_px,
+        height_px,
+        pixel_um,
+        focal_mm: arguments.camera_focal_mm,
+        f_number: arguments.f_number,
+    };
+    let screen = match &arguments.screen_of {
+        None => Screen::PAPER,
+        Some(path) => screen_of(&Setup::read(path)?),
+    };
+    let lenses = BenchLenses {
+        collimator_focal_mm: arguments.f_c,
+        relay_focal_mm: arguments.f_r,
+        diameter_mm: arguments.lens_mm,
+        pupil_collimator_mm: s_cam_mm,
+    };
+    let design = bench_design(&camera, &screen, &lenses, &BenchLimits::PAPER, arguments.match_by.into());
+    if !design.margins.all_hold() {
+        eprintln!(
+            "retina: warning: a limit of the bench or a lens's rim is exceeded: see the negative margins"
+        );
+    }
+    arguments.output.draw(|| bench_figure(&arguments.name, &design, &lenses, &camera))?;
+    if let Some(path) = &arguments.out {
+        let text = setup_toml(&arguments.name, &design, &camera, &screen, arguments.camera_bits);
+        write_atomic(path, text.as_bytes())
+            .map_err(|error| Failure::new(format!("{} cannot be written: {error}", path.display())))?;
+        eprintln!("retina: {} written", path.display());
+    }
+    let (layout, margins) = (&design.layout, &design.margins);
+    arguments.output.print("design", &design, || {
+        vec![
+            format!(
+                "M     {:10.4}      rows of the screen seen {:.1}",
+                layout.magnification, design.observed_rows_px
+            ),
+            format!("s_cam {:10.3} mm", design.pupil_collimator_mm),
+            format!(
+                "s_or  {:10.3} mm   margin {:8.3} mm",
+                layout.screen_relay_mm, margins.screen_relay_distance_mm
+            ),
+            format!("s_ri  {:10.3} mm", layout.relay_image_mm),
+            format!(
+                "s_rc  {:10.3} mm   margin {:8.3} mm",
+                layout.inter_lens_mm, margins.inter_lens_distance_mm
+            ),
+            format!("s_oc  {:10.3} mm   margin {:8.3} mm", layout.total_length_mm, margins.total_length_mm),
+            format!("r_r   {:10.3} mm   margin {:8.3} mm", layout.relay_beam_mm, margins.relay_vignetting_mm),
+            format!(
+                "r_c   {:10.3} mm   margin {:8.3} mm",
+                layout.collimator_beam_mm, margins.collimator_vignetting_mm
+            ),
+        ]
+    })
+}
+
+fn screen_of(setup: &Setup) -> Screen {
+    let screen = &setup.screen;
+    Screen {
+        width_px: screen.width_px,
+        height_px: screen.height_px,
+        width_mm: screen.width_mm,
+        height_mm: screen.height_mm,
+    }
+}
+
+/// Camera and screen of a setup.
+pub(super) fn camera_and_screen(setup: &Setup) -> (Camera, Screen) {
+    let camera = &setup.camera;
+    let camera = Camera {
+        width_px: camera.width_px,
+        height_px: camera.height_px,
+        pixel_um: camera.pixel_um,
+        focal_mm: camera.focal_mm,
+        f_number: camera.f_number,
+    };
+    (camera, screen_of(setup))
+}

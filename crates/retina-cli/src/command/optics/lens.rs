@@ -1,0 +1,329 @@
+//! The lens as a whole: `first-order`, `field`, `ghosts`, `tolerance`, `thermal`, `layout`.
+
+use std::path::PathBuf;
+
+use retina_optics::analysis::{self, SpotOptions, Tolerances};
+use retina_optics::paraxial::{Paraxial, efl_of_mm};
+use retina_optics::plot;
+use serde_json::json;
+
+use super::{Output, Reading, failed, or_dash, print_lines};
+use crate::failure::Failure;
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    system: PathBuf,
+    /// Wavelength, nm; the primary one if not given.
+    #[arg(long, value_name = "NM")]
+    wavelength_nm: Option<f64>,
+    #[command(flatten)]
+    reading: Reading,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn first_order(arguments: &Arguments) -> Result<(), Failure> {
+    let system = arguments.reading.system(&arguments.system)?;
+    let nm = arguments.wavelength_nm.unwrap_or(system.primary_nm());
+    let first = Paraxial::new(&system, nm).map_err(failed)?.first_order();
+    let seidel = analysis::seidel_sums(&system).map_err(failed)?;
+    let groups = system
+        .groups
+        .iter()
+        .map(|group| {
+            Ok((group.name.clone(), efl_of_mm(&system, group.first, group.last, nm).map_err(failed)?))
+        })
+        .collect::<Result<Vec<_>, Failure>>()?;
+    if arguments.json {
+        let groups: Vec<_> =
+            groups.iter().map(|(name, efl)| json!({ "name": name, "efl_mm": efl })).collect();
+        crate::print_json(&json!({
+            "schema": "retina.optics-first-order/1",
+            "system": system.name,
+            "first_order": first,
+            "groups": groups,
+            "seidel": seidel,
+        }));
+        return Ok(());
+    }
+    let mut lines = vec![
+        format!("{}, {nm} nm (mm)", system.name),
+        format!("  focal length        {}", or_dash(first.efl_mm)),
+        format!("  back focal length   {}", or_dash(first.bfl_mm)),
+        format!("  front focal length  {}", or_dash(first.ffl_mm)),
+        format!(
+            "  principal planes    {} front, {} rear",
+            or_dash(first.front_principal_mm),
+            or_dash(first.rear_principal_mm)
+        ),
+        format!(
+            "  entrance pupil      {:.4}, diameter {:.4}",
+            first.entrance_pupil_mm, first.entrance_pupil_diameter_mm
+        ),
+        format!(
+            "  exit pupil          {}, diameter {}",
+            or_dash(first.exit_pupil_mm),
+            or_dash(first.exit_pupil_diameter_mm)
+        ),
+        format!(
+            "  paraxial image      {} (surface at {:.4})",
+            or_dash(first.image_mm),
+            first.image_surface_mm
+        ),
+        format!("  working f-number    {}", or_dash(first.working_f_number)),
+        format!("  magnification       {}", or_dash(first.magnification)),
+        format!("  track               {:.4}", first.track_mm),
+    ];
+    lines.splice(2..2, groups.iter().map(|(name, efl)| format!("    of {name:16} {}", or_dash(*efl))));
+    let s = &seidel.sum;
+    lines.push(
+        "Seidel sums (um): spherical, coma, astigmatism, Petzval, distortion, axial and lateral colour"
+            .into(),
+    );
+    let sums = [
+        s.spherical_mm,
+        s.coma_mm,
+        s.astigmatism_mm,
+        s.petzval_mm,
+        s.distortion_mm,
+        s.axial_colour_mm,
+        s.lateral_colour_mm,
+    ];
+    lines.push(sums.map(|sum| format!("{:11.4}", 1e3 * sum)).concat());
+    print_lines(&lines);
+    Ok(())
+}
+
+#[derive(clap::Args)]
+pub(crate) struct FieldArguments {
+    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    system: PathBuf,
+    /// Steps from the axis to the largest field.
+    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    steps: u16,
+    /// Draw illumination and vignetting into this SVG file.
+    #[arg(long, value_name = "FILE")]
+    illumination_svg: Option<PathBuf>,
+    #[command(flatten)]
+    reading: Reading,
+    #[command(flatten)]
+    output: Output,
+}
+
+pub(super) fn field(arguments: &FieldArguments) -> Result<(), Failure> {
+    arguments.output.check()?;
+    let second = Output { svg: arguments.illumination_svg.clone(), json: false };
+    second.check()?;
+    let system = arguments.reading.system(&arguments.system)?;
+    let curves = analysis::field_curves(&system, arguments.steps.into()).map_err(failed)?;
+    let light = analysis::relative_illumination(&system, arguments.steps.into()).map_err(failed)?;
+    arguments.output.draw(|| Ok(plot::field_curves_figure(&system, &curves)))?;
+    second.draw(|| Ok(plot::illumination_figure(&system, &light)))?;
+    let document = json!({ "system": system.name, "curves": curves, "illumination": light });
+    arguments.output.print("field", &document, || {
+        let p = curves.primary;
+        let mut lines =
+            vec!["field      tangential mm  sagittal mm  distortion %  transmitted  irradiance".to_owned()];
+        lines.extend(curves.points.iter().zip(&light.points).map(|(point, light)| {
+            format!(
+                "{:9.6} {:14.4} {:12.4} {:13.4} {:12.4} {:11.4}",
+                point.field,
+                point.tangential_mm[p],
+                point.sagittal_mm[p],
+                100.0 * point.distortion,
+                light.transmitted,
+                light.relative
+            )
+        }));
+        lines
+    })
+}
+
+#[derive(clap::Args)]
+pub(crate) struct GhostArguments {
+    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    system: PathBuf,
+    /// Reflectance of surfaces between air and glass, for example 0.005; uncoated if not given.
+    #[arg(long, value_name = "R")]
+    coating: Option<f64>,
+    /// Ghosts to list.
+    #[arg(long, default_value_t = 20)]
+    count: usize,
+    #[command(flatten)]
+    reading: Reading,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn ghosts(arguments: &GhostArguments) -> Result<(), Failure> {
+    if let Some(r) = arguments.coating
+        && !(0.0..=1.0).contains(&r)
+    {
+        return Err(Failure::new(format!("--coating is a reflectance, 0 to 1 (found {r})")));
+    }
+    let system = arguments.reading.system(&arguments.system)?;
+    let mut ghosts = analysis::ghosts(&system, arguments.coating).map_err(failed)?;
+    ghosts.truncate(arguments.count);
+    let output = Output { svg: None, json: arguments.json };
+    output.print("ghosts", &json!({ "system": system.name, "ghosts": ghosts }), || {
+        let mut lines = vec![
+            "surfaces  reflectance  arrives  focus mm  paraxial radius mm  RMS radius mm  irradiance 1/mm2"
+                .into(),
+        ];
+        lines.extend(ghosts.iter().map(|ghost| {
+            format!(
+                "{:3} {:3} {:13.3e} {:8.3} {:>9} {:19.4} {:>14} {:>17}",
+                ghost.first,
+                ghost.second,
+                ghost.reflectance,
+                ghost.transmitted,
+                ghost.focus_mm.map_or("-".into(), |mm| format!("{mm:.2}")),
+                ghost.paraxial_radius_mm,
+                or_dash(ghost.rms_radius_mm),
+                ghost.irradiance_per_mm2.map_or("-".into(), |e| format!("{e:.3e}")),
+            )
+        }));
+        lines
+    })
+}
+
+#[derive(clap::Args)]
+pub(crate) struct ToleranceArguments {
+    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    system: PathBuf,
+    /// Tilt of each lens about x and y, arcmin.
+    #[arg(long, default_value_t = 3.0)]
+    tilt_arcmin: f64,
+    /// Decentre of each lens along x and y, um.
+    #[arg(long, default_value_t = 50.0)]
+    decentre_um: f64,
+    /// Error of each air gap, um.
+    #[arg(long, default_value_t = 100.0)]
+    gap_um: f64,
+    /// Error of each glass's index.
+    #[arg(long, default_value_t = 5e-4)]
+    index: f64,
+    /// Leave the image where it is.
+    #[arg(long)]
+    no_refocus: bool,
+    /// Trials.
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    trials: u32,
+    /// Seed.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    #[command(flatten)]
+    reading: Reading,
+    #[command(flatten)]
+    output: Output,
+}
+
+pub(super) fn tolerance(arguments: &ToleranceArguments) -> Result<(), Failure> {
+    arguments.output.check()?;
+    let system = arguments.reading.system(&arguments.system)?;
+    let tolerances = Tolerances {
+        tilt_rad: (arguments.tilt_arcmin / 60.0).to_radians(),
+        decentre_mm: arguments.decentre_um * 1e-3,
+        gap_mm: arguments.gap_um * 1e-3,
+        index: arguments.index,
+        refocus: !arguments.no_refocus,
+    };
+    let report = analysis::tolerance_monte_carlo(
+        &system,
+        &tolerances,
+        arguments.trials as usize,
+        arguments.seed,
+        arguments.reading.clipping(),
+    )
+    .map_err(failed)?;
+    arguments.output.draw(|| Ok(plot::tolerance_figure(&system, &report)))?;
+    arguments.output.print("tolerance", &report, || {
+        let nominal = report.nominal.rms_um.iter().copied().fold(0.0, f64::max);
+        let (spot, shift) = (&report.worst_rms_um, &report.boresight_mm);
+        vec![
+            format!("{}: {} trials, seed {}", system.name, report.trials.len(), report.seed),
+            format!(
+                "worst RMS, um: nominal {nominal:.2}; 50 % {:.2}, 80 % {:.2}, 90 % {:.2}, 98 % {:.2}",
+                spot.p50, spot.p80, spot.p90, spot.p98
+            ),
+            format!(
+                "boresight on the image, mm: 50 % {:.4}, 80 % {:.4}, 90 % {:.4}, 98 % {:.4}",
+                shift.p50, shift.p80, shift.p90, shift.p98
+            ),
+        ]
+    })
+}
+
+#[derive(clap::Args)]
+pub(crate) struct ThermalArguments {
+    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    system: PathBuf,
+    /// Temperatures, degC.
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, default_value = "10,15,20,25,30")]
+    temperatures_c: Vec<f64>,
+    /// Linear expansion of the mount, 1e-6/K (aluminium by default).
+    #[arg(long, default_value_t = 23.6)]
+    mount_1e6_per_k: f64,
+    #[command(flatten)]
+    reading: Reading,
+    #[command(flatten)]
+    output: Output,
+}
+
+pub(super) fn thermal(arguments: &ThermalArguments) -> Result<(), Failure> {
+    arguments.output.check()?;
+    if let Some(bad) = arguments.temperatures_c.iter().find(|t| !(**t > -273.15 && t.is_finite())) {
+        return Err(Failure::new(format!("--temperatures-c must be above absolute zero (found {bad})")));
+    }
+    let system = arguments.reading.system(&arguments.system)?;
+    let options = SpotOptions { clipping: arguments.reading.clipping(), ..SpotOptions::default() };
+    let points = analysis::thermal_sweep(
+        &system,
+        &arguments.temperatures_c,
+        arguments.mount_1e6_per_k * 1e-6,
+        &options,
+    )
+    .map_err(failed)?;
+    arguments.output.draw(|| Ok(plot::thermal_figure(&system, &points)))?;
+    arguments.output.print("thermal", &json!({ "system": system.name, "points": points }), || {
+        points
+            .iter()
+            .map(|point| {
+                let spots: Vec<String> = point.rms_um.iter().map(|rms| format!("{rms:.2}")).collect();
+                format!(
+                    "{:6.1} degC: focal length {} mm, defocus {} mm, RMS {} um",
+                    point.temperature_c,
+                    or_dash(point.efl_mm),
+                    or_dash(point.defocus_mm),
+                    spots.join(", ")
+                )
+            })
+            .collect()
+    })
+}
+
+#[derive(clap::Args)]
+pub(crate) struct LayoutArguments {
+    /// Prescriptions (.toml, .zmx) or names of designs that ship, drawn below one another.
+    #[arg(required = true)]
+    systems: Vec<PathBuf>,
+    /// The SVG file to write.
+    #[arg(long, value_name = "FILE")]
+    svg: PathBuf,
+    #[command(flatten)]
+    reading: Reading,
+}
+
+pub(super) fn layout(arguments: &LayoutArguments) -> Result<(), Failure> {
+    let output = Output { svg: Some(arguments.svg.clone()), json: false };
+    output.check()?;
+    let systems = arguments
+        .systems
+        .iter()
+        .map(|source| arguments.reading.system(source))
+        .collect::<Result<Vec<_>, Failure>>()?;
+    output.draw(|| plot::layout_figure("Layout", &systems.iter().collect::<Vec<_>>()))
+}

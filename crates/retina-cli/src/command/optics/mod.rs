@@ -1,0 +1,182 @@
+//! `retina optics`: lens systems, traced exactly.
+
+mod beam;
+mod bench;
+mod constraints;
+mod image;
+mod lens;
+mod search;
+
+use std::path::PathBuf;
+
+use retina_files::write_atomic;
+use retina_optics::{Clipping, OpticalSystem, OpticsError, read_system};
+use retina_plot::Figure;
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use crate::failure::Failure;
+
+#[derive(clap::Subcommand)]
+pub(crate) enum Command {
+    /// Follows one ray through all surfaces.
+    Trace(beam::TraceArguments),
+    /// Focal lengths, pupils, principal planes and Seidel sums.
+    FirstOrder(lens::Arguments),
+    /// Spot diagrams and their RMS radius.
+    Spots(beam::SpotArguments),
+    /// Transverse ray errors over the pupil.
+    Fans(beam::FanArguments),
+    /// Field curvature, distortion, lateral colour and illumination.
+    Field(lens::FieldArguments),
+    /// Wavefront maps.
+    Wavefront(image::WavefrontArguments),
+    /// Point spread functions and encircled energy.
+    Psf(image::PsfArguments),
+    /// Modulation transfer functions.
+    Mtf(image::MtfArguments),
+    /// Ghosts of two reflections.
+    Ghosts(lens::GhostArguments),
+    /// Monte Carlo over mounting and manufacturing errors.
+    Tolerance(lens::ToleranceArguments),
+    /// Spots and focus over temperature.
+    Thermal(lens::ThermalArguments),
+    /// The layout drawing.
+    Layout(lens::LayoutArguments),
+    /// The fields that a collimator and a relay can serve, and what binds.
+    Constraints(constraints::Arguments),
+    /// Distances, margins and setup.toml for a camera.
+    Design(bench::Arguments),
+    /// Finds stock lenses for the collimator and the relay.
+    Search(Box<search::Arguments>),
+}
+
+pub(crate) fn run(command: Command) -> Result<(), Failure> {
+    match command {
+        Command::Trace(arguments) => beam::trace(&arguments),
+        Command::FirstOrder(arguments) => lens::first_order(&arguments),
+        Command::Spots(arguments) => beam::spots(&arguments),
+        Command::Fans(arguments) => beam::fans(&arguments),
+        Command::Field(arguments) => lens::field(&arguments),
+        Command::Wavefront(arguments) => image::wavefront(&arguments),
+        Command::Psf(arguments) => image::psf(&arguments),
+        Command::Mtf(arguments) => image::mtf(&arguments),
+        Command::Ghosts(arguments) => lens::ghosts(&arguments),
+        Command::Tolerance(arguments) => lens::tolerance(&arguments),
+        Command::Thermal(arguments) => lens::thermal(&arguments),
+        Command::Layout(arguments) => lens::layout(&arguments),
+        Command::Constraints(arguments) => constraints::run(&arguments),
+        Command::Design(arguments) => bench::run(&arguments),
+        Command::Search(arguments) => search::run(&arguments),
+    }
+}
+
+/// How a system is read.
+#[derive(clap::Args)]
+pub(crate) struct Reading {
+    /// A glass catalogue (AGF) to know beside the embedded glasses; may be given several times.
+    #[arg(long, value_name = "FILE")]
+    agf: Vec<PathBuf>,
+    /// Part of each clear semi-diameter that light may use, for example 0.9; overrides the file's.
+    #[arg(long, value_name = "FRACTION")]
+    clear: Option<f64>,
+    /// Let apertures stop no rays.
+    #[arg(long, conflicts_with = "clear")]
+    unclipped: bool,
+}
+
+impl Reading {
+    fn system(&self, source: &std::path::Path) -> Result<OpticalSystem, Failure> {
+        let mut system = read_system(source, &self.agf)?;
+        if let Some(fraction) = self.clear {
+            system.clear_fraction = fraction;
+            system.check(std::path::Path::new("--clear"))?;
+        }
+        Ok(system)
+    }
+
+    fn clipping(&self) -> Clipping {
+        if self.unclipped { Clipping::Off } else { Clipping::On }
+    }
+}
+
+/// How a result is shown.
+#[derive(clap::Args)]
+pub(crate) struct Output {
+    /// Draw the result into this SVG file.
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Output {
+    /// Refuses a drawing whose folder is not there, before anything is computed.
+    fn check(&self) -> Result<(), Failure> {
+        self.svg.as_deref().map_or(Ok(()), crate::check_target)
+    }
+
+    /// Writes the drawing, if one is wanted.
+    fn draw(&self, figure: impl FnOnce() -> Result<Figure, OpticsError>) -> Result<(), Failure> {
+        let Some(path) = &self.svg else { return Ok(()) };
+        let svg = figure().map_err(failed)?.to_svg();
+        write_atomic(path, svg.as_bytes())
+            .map_err(|error| Failure::new(format!("{} cannot be written: {error}", path.display())))?;
+        eprintln!("retina: {} written", path.display());
+        Ok(())
+    }
+
+    /// The document of a schema, or lines of text.
+    fn print<T: Serialize>(&self, schema: &str, result: &T, lines: impl FnOnce() -> Vec<String>) -> Result<(), Failure> {
+        if self.json {
+            crate::print_json(&document(schema, result)?);
+        } else {
+            print_lines(&lines());
+        }
+        Ok(())
+    }
+}
+
+/// A reader that has gone away is no failure.
+fn print_lines(lines: &[String]) {
+    use std::io::Write as _;
+    let mut out = std::io::stdout().lock();
+    for line in lines {
+        if writeln!(out, "{line}").is_err() {
+            return;
+        }
+    }
+}
+
+/// `schema` first, then the result's own keys.
+fn document<T: Serialize>(schema: &str, result: &T) -> Result<Value, Failure> {
+    let mut document = json!({ "schema": format!("retina.optics-{schema}/1") });
+    let value = serde_json::to_value(result).map_err(|error| Failure::new(error.to_string()))?;
+    match (document.as_object_mut(), value) {
+        (Some(document), Value::Object(keys)) => document.extend(keys),
+        (Some(document), other) => {
+            document.insert("results".into(), other);
+        }
+        (None, _) => {}
+    }
+    Ok(document)
+}
+
+fn failed(error: OpticsError) -> Failure {
+    Failure::new(error.to_string())
+}
+
+/// Two numbers with a comma between, for a field or pupil point.
+fn pair(text: &str) -> Result<[f64; 2], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok([x, y]) if x.is_finite() && y.is_finite() => Ok([*x, *y]),
+        _ => Err("expected two numbers with a comma between, such as 0,0.1".into()),
+    }
+}
+
+/// A number of any unit, or "-" where there is none.
+fn or_dash(value: Option<f64>) -> String {
+    value.map_or("-".to_owned(), |value| format!("{value:.4}"))
+}

@@ -1,0 +1,251 @@
+//! `retina optics search`.
+
+use std::io::IsTerminal as _;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use retina_geometry::Setup;
+use retina_optics::constraints::{BenchLimits, PaperModel};
+use retina_optics::design::{BenchLenses, bench_design};
+use retina_optics::search::{
+    Configuration, Phase, SearchObserver, SearchProgress, SearchReport, SearchRequest, SearchedDesign,
+    pareto_figure, search,
+};
+
+use super::Output;
+use super::bench::{Matching, camera_and_screen};
+use super::constraints::check;
+use crate::failure::Failure;
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Focal length of the collimator, mm.
+    #[arg(long, value_name = "MM", default_value_t = 86.8)]
+    f_c: f64,
+    /// Focal length of the relay, mm.
+    #[arg(long, value_name = "MM", default_value_t = 82.8)]
+    f_r: f64,
+    /// Camera pupil to the collimator's principal plane, mm; 1.3 times f_c if not given.
+    #[arg(long, value_name = "MM")]
+    s_cam_mm: Option<f64>,
+    /// A facility configuration to serve; may be given several times. The paper's two if none is.
+    #[arg(long, value_name = "FILE")]
+    setup: Vec<PathBuf>,
+    /// The extent in which fields and screen are matched; reference designs are compared by the diagonal.
+    #[arg(long, value_enum, default_value_t = Matching::Diagonal)]
+    match_by: Matching,
+    /// Doublets of the collimator, 2 or 3.
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    collimator_lenses: usize,
+    /// Doublets of the relay, 2 or 3.
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    relay_lenses: usize,
+    /// Use only parts whose number begins so; may be given several times.
+    #[arg(long, value_name = "PREFIX")]
+    part: Vec<String>,
+    /// Smallest lens diameter, mm.
+    #[arg(long, value_name = "MM", default_value_t = 45.0)]
+    min_diameter_mm: f64,
+    /// Least gap between lenses, on the axis and at the rim, mm.
+    #[arg(long, value_name = "MM", default_value_t = 0.5)]
+    min_gap_mm: f64,
+    /// Largest gap between lenses of a group, mm.
+    #[arg(long, value_name = "MM", default_value_t = 40.0)]
+    max_gap_mm: f64,
+    /// Longest distance from screen to collimator, mm.
+    #[arg(long, value_name = "MM", default_value_t = BenchLimits::PAPER.total_length_mm)]
+    max_length_mm: f64,
+    /// Least distance from the relay's glass to the screen, mm.
+    #[arg(long, value_name = "MM", default_value_t = BenchLimits::PAPER.screen_relay_mm)]
+    min_screen_gap_mm: f64,
+    /// Part of each lens's semi-diameter that light may use.
+    #[arg(long, value_name = "FRACTION", default_value_t = 1.0)]
+    clear: f64,
+    /// Largest share of a field's beam that the lenses may cut.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.01)]
+    max_vignetted: f64,
+    /// Pairs of groups that are refitted with exact rays.
+    #[arg(long, value_name = "N", default_value_t = 20_000)]
+    candidates: usize,
+    /// Leaders whose lenses are swapped, and batches of random swaps.
+    #[arg(long, value_name = "N", default_value_t = 12)]
+    leaders: usize,
+    /// Seed of the random swaps.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Keep the search's state in this file, and continue from it if it is there.
+    #[arg(long, value_name = "FILE")]
+    state: Option<PathBuf>,
+    #[command(flatten)]
+    output: Output,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    arguments.output.check()?;
+    arguments.state.as_deref().map_or(Ok(()), crate::check_target)?;
+    let request = request(arguments)?;
+    let mut reporter = Reporter::new();
+    let report = search(&request, Path::new("the search"), arguments.state.as_deref(), &mut reporter);
+    reporter.clear();
+    let report = report?;
+    if report.designs.is_empty() {
+        return Err(Failure::new(
+            "no design keeps all limits: allow more vignetting (--max-vignetted) or larger clear apertures (--clear)",
+        ));
+    }
+    arguments.output.draw(|| Ok(pareto_figure(&report)))?;
+    arguments.output.print("search", &report, || table(&report))
+}
+
+fn request(arguments: &Arguments) -> Result<SearchRequest, Failure> {
+    let pupil_collimator_mm = arguments.s_cam_mm.unwrap_or(1.3 * arguments.f_c);
+    check(&[
+        ("--f-c", arguments.f_c),
+        ("--f-r", arguments.f_r),
+        ("--max-length-mm", arguments.max_length_mm),
+    ])?;
+    let lenses = BenchLenses {
+        collimator_focal_mm: arguments.f_c,
+        relay_focal_mm: arguments.f_r,
+        diameter_mm: PaperModel::LENS_DIAMETER_MM,
+        pupil_collimator_mm,
+    };
+    let paper = SearchRequest::paper(pupil_collimator_mm / arguments.f_c);
+    let mut configurations = Vec::new();
+    for path in &arguments.setup {
+        let setup = Setup::read(path)?;
+        let (camera, screen) = camera_and_screen(&setup);
+        let design = bench_design(&camera, &screen, &lenses, &BenchLimits::PAPER, arguments.match_by.into());
+        configurations.push(Configuration::of_camera(&setup.name, &camera, design.layout.magnification));
+    }
+    if configurations.is_empty() {
+        use retina_optics::design::{Camera, Screen};
+        for (name, focal_mm) in [("wide-fov", 25.0), ("narrow-fov", 50.0)] {
+            let camera = Camera { width_px: 2048, height_px: 1536, pixel_um: 3.45, focal_mm, f_number: 2.8 };
+            let design = bench_design(
+                &camera,
+                &Screen::PAPER,
+                &lenses,
+                &BenchLimits::PAPER,
+                arguments.match_by.into(),
+            );
+            configurations.push(Configuration::of_camera(name, &camera, design.layout.magnification));
+        }
+    }
+    Ok(SearchRequest {
+        collimator_focal_mm: arguments.f_c,
+        relay_focal_mm: arguments.f_r,
+        collimator_lenses: arguments.collimator_lenses,
+        relay_lenses: arguments.relay_lenses,
+        pupil_collimator_mm,
+        configurations,
+        bench: BenchLimits { total_length_mm: arguments.max_length_mm, ..BenchLimits::PAPER },
+        min_screen_gap_mm: arguments.min_screen_gap_mm,
+        min_gap_mm: arguments.min_gap_mm,
+        max_gap_mm: arguments.max_gap_mm,
+        clear_fraction: arguments.clear,
+        max_vignetted: arguments.max_vignetted,
+        part_prefixes: arguments.part.clone(),
+        min_diameter_mm: arguments.min_diameter_mm,
+        exact_candidates: arguments.candidates,
+        leaders: arguments.leaders,
+        seed: arguments.seed,
+        ..paper
+    })
+}
+
+/// The ranked table; designs on the pareto front of spot and length bear a star.
+fn table(report: &SearchReport) -> Vec<String> {
+    let front = report.pareto();
+    let lenses = |design: &SearchedDesign| {
+        let lens = |lens: &retina_optics::search::SearchedLens| {
+            let turned = if lens.reversed { "(r)" } else { "" };
+            let gap = lens.gap_after_mm.map_or(" |".to_owned(), |gap| format!(" {gap:.2}"));
+            format!("{}{turned}{gap}", lens.part)
+        };
+        design.lenses.iter().map(lens).collect::<Vec<_>>().join(" ")
+    };
+    let mut lines = vec![format!(
+        "s_cam {:.2} mm; spots on the sensor, apertures open; (r) reversed, gaps in mm",
+        report.pupil_collimator_mm
+    )];
+    lines.push("      worst um  length mm  lost %  lenses from the camera".to_owned());
+    for (i, design) in report.designs.iter().enumerate() {
+        let star = if front.contains(&i) { '*' } else { ' ' };
+        let fields = design.configurations.iter().flat_map(|c| &c.fields);
+        let lost = fields.map(|field| field.vignetted_fraction).fold(0.0, f64::max) * 100.0;
+        let (worst, length) = (design.worst_rms_um, design.length_mm);
+        lines.push(format!("{:3} {star} {worst:8.3}  {length:9.2}  {lost:6.2}  {}", i + 1, lenses(design)));
+    }
+    lines
+}
+
+/// Time between lines where standard error is no terminal.
+const LINE_INTERVAL: Duration = Duration::from_secs(10);
+
+/// A bar on a terminal, a line now and then elsewhere.
+struct Reporter {
+    bar: Option<ProgressBar>,
+    phase: Option<Phase>,
+    /// When the phase began, and the steps that were done then.
+    began: (Instant, usize),
+    last_line: Instant,
+}
+
+impl Reporter {
+    fn new() -> Self {
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let style =
+                ProgressStyle::with_template("{wide_bar} {pos}/{len} {msg}, {elapsed} gone, {eta} left");
+            ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+        });
+        Self { bar, phase: None, began: (Instant::now(), 0), last_line: Instant::now() }
+    }
+
+    fn clear(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+impl SearchObserver for Reporter {
+    fn note(&mut self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| eprintln!("retina: {text}")),
+            None => eprintln!("retina: {text}"),
+        }
+    }
+
+    fn progress(&mut self, progress: SearchProgress) {
+        let what = match progress.phase {
+            Phase::Rank => "rankings of pairs",
+            Phase::Refit => "pairs refitted",
+            Phase::Swap => "leaders swapped",
+            Phase::Kick => "random batches",
+        };
+        if self.phase != Some(progress.phase) {
+            self.phase = Some(progress.phase);
+            self.began = (Instant::now(), progress.done);
+            if let Some(bar) = &self.bar {
+                bar.reset();
+            }
+        }
+        let best = progress.best_um.map_or(String::new(), |best| format!(", best {best:.2} um"));
+        if let Some(bar) = &self.bar {
+            bar.set_length(progress.total as u64);
+            bar.set_position(progress.done as u64);
+            bar.set_message(format!("{what}{best}"));
+            return;
+        }
+        let done = progress.done.saturating_sub(self.began.1);
+        if self.last_line.elapsed() < LINE_INTERVAL || done == 0 {
+            return;
+        }
+        self.last_line = Instant::now();
+        let left_s =
+            self.began.0.elapsed().as_secs_f64() / done as f64 * (progress.total - progress.done) as f64;
+        eprintln!("retina: {}/{} {what}{best}, {left_s:.0} s left", progress.done, progress.total);
+    }
+}

@@ -1,0 +1,106 @@
+//! `retina optics constraints`, `design` and `search`: the machine interface, setups that are read back, refusals.
+
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
+
+mod common;
+
+use common::{assert_done, assert_refused, json, retina};
+use retina_geometry::Setup;
+
+fn optics(arguments: &[&str]) -> std::process::Output {
+    retina().arg("optics").args(arguments).output().unwrap()
+}
+
+/// The ends of the field as worked out independently: 2.06 to 18.84 deg (digits beyond were cut).
+#[test]
+fn constraints_in_the_machine_interface() {
+    let output = optics(&["constraints", "--f-c", "86.8", "--f-r", "82.8", "--json"]);
+    assert_done(&output);
+    let document = json(&output);
+    assert_eq!(document["schema"], "retina.optics-constraints/1");
+    assert!((document["field_min_deg"].as_f64().unwrap() - 2.06).abs() < 0.005);
+    assert!((document["field_max_deg"].as_f64().unwrap() - 18.84).abs() < 0.01);
+    assert_eq!(document["limit_at_min"], "total_length");
+    assert_eq!(document["limit_at_max"], "relay_vignetting");
+    let none = json(&optics(&["constraints", "--f-c", "700", "--f-r", "200", "--json"]));
+    assert!(none["field_min_deg"].is_null() && none["limit_at_max"] == "none", "{none}");
+}
+
+#[test]
+fn the_grid_is_drawn_and_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let svg = folder.path().join("fields.svg");
+    let flags =
+        ["constraints", "--f-c", "86.8", "--f-r", "82.8", "--grid", "--grid-count", "9", "--json", "--svg"];
+    let output = retina().arg("optics").args(flags).arg(&svg).output().unwrap();
+    assert_done(&output);
+    let grid = &json(&output)["grid"];
+    assert_eq!(grid["ranges"].as_array().unwrap().len(), 81);
+    // f_c = f_r = 80 mm: the third step of 20 mm from 40 mm, row by row.
+    let range = &grid["ranges"][2 * 9 + 2];
+    let model = json(&optics(&["constraints", "--f-c", "80", "--f-r", "80", "--json"]));
+    let degrees = range["max_rad"].as_f64().unwrap().to_degrees();
+    assert!((degrees - model["field_max_deg"].as_f64().unwrap()).abs() < 1e-9);
+    assert!(std::fs::read_to_string(&svg).unwrap().starts_with("<svg"));
+}
+
+/// The written setup is a setup, of the camera and the magnification that were asked for: matched by the
+/// diagonal the camera's height sees 1200 * 1.566 / 1.388 rows.
+#[test]
+fn a_designs_setup_is_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, svg) = (folder.path().join("setup.toml"), folder.path().join("bench.svg"));
+    for (match_by, rows) in [("height", 1200.0), ("diagonal", 1353.3)] {
+        let output = retina()
+            .args(["optics", "design", "--camera-focal-mm", "50", "--f-c", "86.8", "--f-r", "82.8", "--json"])
+            .args(["--name", "narrow \"b\"", "--match-by", match_by, "--out"])
+            .arg(&out)
+            .arg("--svg")
+            .arg(&svg)
+            .output()
+            .unwrap();
+        assert_done(&output);
+        let document = json(&output);
+        let setup = Setup::read(&out).unwrap();
+        assert_eq!(setup.name, "narrow \"b\"");
+        assert!((setup.facility.observed_rows_px.unwrap() - rows).abs() < 0.1);
+        assert!((setup.camera_vertical_field_rad().to_degrees() - 6.07).abs() < 0.005);
+        let m = document["magnification"].as_f64().unwrap();
+        assert!((m + if match_by == "height" { 0.783 } else { 0.694 }).abs() < 5e-4, "{m}");
+        assert!(document["margins"]["total_length_mm"].as_f64().unwrap() > 0.0);
+        assert!(std::fs::read_to_string(&svg).unwrap().contains("collimator"));
+    }
+}
+
+#[test]
+fn a_search_reports_as_the_interface_says() {
+    let flags =
+        ["search", "--part", "AC508-1", "--part", "AC508-2", "--part", "AC508-750", "--candidates", "200"];
+    let output = retina().arg("optics").args(flags).args(["--leaders", "1", "--json"]).output().unwrap();
+    assert_done(&output);
+    let document = json(&output);
+    assert_eq!(document["schema"], "retina.optics-search/1");
+    let best = &document["designs"][0];
+    assert!(best["worst_rms_um"].as_f64().unwrap() <= 14.6, "{best}");
+    assert!((best["relay_efl_mm"].as_f64().unwrap() - 82.8).abs() < 1e-6);
+    assert_eq!(best["lenses"].as_array().unwrap().len(), 5);
+    assert!(best["lenses"][0]["part"].is_string() && best["lenses"][0]["reversed"].is_boolean());
+    assert!(best["lenses"][0]["gap_after_mm"].is_number());
+    let wide = &best["configurations"][0];
+    assert!((wide["m"].as_f64().unwrap() + 1.388).abs() < 5e-4);
+    for key in ["pupil_to_first_vertex_mm", "collimator_to_relay_mm", "relay_to_screen_mm"] {
+        assert!(wide[key].as_f64().unwrap() > 0.0, "{key}");
+    }
+    assert_eq!(wide["fields"].as_array().unwrap().len(), 3);
+    assert!(wide["fields"][2]["tan"].is_number() && wide["fields"][2]["vignetted_fraction"].is_number());
+}
+
+#[test]
+fn numbers_that_cannot_be_are_refused() {
+    let refused = |arguments: &[&str], words: &[&str]| assert_refused(&optics(arguments), words);
+    refused(&["constraints", "--f-c", "0", "--f-r", "82.8"], &["--f-c", "not a positive number"]);
+    refused(&["constraints", "--f-c", "86.8", "--f-r", "82.8", "--svg", "x.svg"], &["add --grid"]);
+    refused(&["design", "--camera-focal-mm", "25", "--f-c", "86.8", "--f-r", "nan"], &["--f-r"]);
+    refused(&["search", "--part", "NONE"], &["no stock lens is left"]);
+    refused(&["search", "--relay-lenses", "9"], &["relay lenses", "2 or 3"]);
+}

@@ -1,0 +1,122 @@
+//! Every group that has its focal length, and every pair of groups ranked by third-order spots.
+
+use std::collections::BTreeSet;
+
+use rayon::prelude::*;
+
+use super::candidate::{Group, Library, MOST_LENSES};
+use super::request::SearchRequest;
+use super::third_order::{Ranking, Sums, group_sums};
+
+/// Free gaps at which groups are enumerated, mm beyond the least gap; the refit moves them.
+const GAP_SAMPLES_MM: [f64; 7] = [0.0, 1.5, 4.0, 8.0, 14.0, 22.0, 32.0];
+/// Relays kept for each collimator.
+const RELAYS_PER_COLLIMATOR: usize = 6;
+/// Most groups of a kind that are paired; beyond, those with the least sums are kept.
+const MOST_GROUPS: [usize; 2] = [120_000, 3_000];
+
+/// A group that has its focal length, with its sums in each configuration.
+struct Ranked {
+    group: Group,
+    sums: Vec<Sums>,
+}
+
+/// Collimator and relay of the pairs with the least third-order spots, best first, and the number of
+/// groups of either kind.
+pub(crate) fn ranked_pairs(library: &Library, request: &SearchRequest) -> (Vec<[Group; 2]>, [usize; 2]) {
+    let rankings: Vec<Ranking> =
+        request.configurations.iter().map(|configuration| Ranking::new(request, configuration)).collect();
+    let kinds = [
+        (request.collimator_lenses, request.collimator_focal_mm),
+        (request.relay_lenses, request.relay_focal_mm),
+    ];
+    let groups = [0, 1].map(|kind| {
+        let (count, focal_mm) = kinds[kind];
+        let mut groups = groups(library, request, count, focal_mm, kind, &rankings);
+        if groups.len() > MOST_GROUPS[kind] {
+            groups.sort_by(|a, b| alone(&rankings, &a.sums).total_cmp(&alone(&rankings, &b.sums)));
+            groups.truncate(MOST_GROUPS[kind]);
+        }
+        groups
+    });
+    let [collimators, relays] = &groups;
+    let mut pairs: Vec<(f64, usize, usize)> = (0..collimators.len())
+        .into_par_iter()
+        .flat_map_iter(|c| {
+            let mut best: Vec<(f64, usize, usize)> = relays
+                .iter()
+                .enumerate()
+                .map(|(r, relay)| {
+                    let worst = rankings
+                        .iter()
+                        .zip(collimators[c].sums.iter().zip(&relay.sums))
+                        .map(|(ranking, (a, b))| ranking.worst_um(&a.plus(b)))
+                        .fold(0.0, f64::max);
+                    (worst, c, r)
+                })
+                .collect();
+            let order =
+                |a: &(f64, usize, usize), b: &(f64, usize, usize)| a.0.total_cmp(&b.0).then(a.2.cmp(&b.2));
+            let kept = RELAYS_PER_COLLIMATOR.min(best.len());
+            if kept > 0 && kept < best.len() {
+                best.select_nth_unstable_by(kept - 1, order);
+                best.truncate(kept);
+            }
+            best.sort_by(order);
+            best
+        })
+        .collect();
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    // The same lenses at another sample of the gaps lead the refit to the same place.
+    let mut seen = BTreeSet::new();
+    let pairs = pairs
+        .into_iter()
+        .map(|(_, c, r)| [collimators[c].group, relays[r].group])
+        .filter(|pair| seen.insert(lenses_of(pair)))
+        .take(request.exact_candidates)
+        .collect();
+    (pairs, [collimators.len(), relays.len()])
+}
+
+/// The lenses of a candidate in order, as a key.
+pub(crate) fn lenses_of(groups: &[Group; 2]) -> Vec<u16> {
+    groups.iter().flat_map(|group| group.elements().iter().copied().chain([u16::MAX])).collect()
+}
+
+/// A group's spots without the other's compensation, um.
+fn alone(rankings: &[Ranking], sums: &[Sums]) -> f64 {
+    rankings.iter().zip(sums).map(|(ranking, sums)| ranking.worst_um(sums)).fold(0.0, f64::max)
+}
+
+fn groups(
+    library: &Library,
+    request: &SearchRequest,
+    count: usize,
+    focal_mm: f64,
+    kind: usize,
+    rankings: &[Ranking],
+) -> Vec<Ranked> {
+    let lenses = library.oriented.len();
+    let samples: &[f64] = if count > 2 { &GAP_SAMPLES_MM } else { &GAP_SAMPLES_MM[..1] };
+    (0..lenses.pow(count as u32))
+        .into_par_iter()
+        .flat_map_iter(|number| {
+            let mut elements = [0; MOST_LENSES];
+            let mut rest = number;
+            for element in &mut elements[..count] {
+                *element = (rest % lenses) as u16;
+                rest /= lenses;
+            }
+            samples.iter().filter_map(move |gap| {
+                let gaps_mm = [request.min_gap_mm + gap; MOST_LENSES - 1];
+                let group = library.solve(Group { elements, count, gaps_mm }, focal_mm, request)?;
+                let front_mm = library.figures(&group).front_principal_mm;
+                let sums = rankings
+                    .iter()
+                    .map(|ranking| group_sums(library, &group, front_mm, &ranking.entries[kind]))
+                    .collect();
+                Some(Ranked { group, sums })
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,440 @@
+//! What a lens system is: surfaces in the order in which light meets them, and how it is used.
+//!
+//! Frame: z along the axis and the light (+z), x right, y down; the origin is the vertex of the
+//! first surface before any tilt. Lengths in mm. A radius is positive when its centre lies to the
+//! right (+z) of the vertex. Light starts in air and runs towards +z.
+
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use retina_files::InputError;
+
+use crate::glass::Medium;
+
+/// The figure of a surface; `curvature_per_mm` is 1 / radius, 0 for a plane.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Shape {
+    /// A conic of revolution: c (r^2 + (1 + k) z^2) = 2 z; a sphere for k = 0, a plane for c = 0.
+    Conic {
+        /// c, 1/mm.
+        curvature_per_mm: f64,
+        /// k (0 sphere, -1 paraboloid).
+        conic: f64,
+    },
+    /// A conic plus even powers: z += a_2 r^2 + a_4 r^4 + ..., r in mm.
+    EvenAsphere {
+        /// c, 1/mm.
+        curvature_per_mm: f64,
+        /// k.
+        conic: f64,
+        /// a_2, a_4, a_6, ... (at most eight), mm^(1 - power).
+        coefficients: Vec<f64>,
+    },
+    /// An ideal thin lens in air: tangents of the ray change by -x/f and -y/f, nothing else. Its
+    /// optical path images an object at infinity without aberration.
+    IdealLens {
+        /// f, mm.
+        focal_mm: f64,
+    },
+}
+
+impl Shape {
+    /// A plane.
+    pub const PLANE: Self = Self::Conic { curvature_per_mm: 0.0, conic: 0.0 };
+
+    /// A sphere of this radius (signed, mm; infinite for a plane).
+    pub fn sphere(radius_mm: f64) -> Self {
+        Self::Conic { curvature_per_mm: 1.0 / radius_mm, conic: 0.0 }
+    }
+
+    /// Vertex curvature, 1/mm, with the r^2 term of an asphere; 0 for an ideal lens.
+    pub fn vertex_curvature_per_mm(&self) -> f64 {
+        match self {
+            Self::Conic { curvature_per_mm, .. } => *curvature_per_mm,
+            Self::EvenAsphere { curvature_per_mm, coefficients, .. } => {
+                curvature_per_mm + 2.0 * coefficients.first().copied().unwrap_or(0.0)
+            }
+            Self::IdealLens { .. } => 0.0,
+        }
+    }
+
+    /// Sag z(r), mm; `None` where the surface does not reach r.
+    pub fn sag_mm(&self, r_mm: f64) -> Option<f64> {
+        let conic_sag = |c: f64, k: f64| {
+            let root = 1.0 - (1.0 + k) * c * c * r_mm * r_mm;
+            (root >= 0.0).then(|| c * r_mm * r_mm / (1.0 + root.sqrt()))
+        };
+        match self {
+            Self::Conic { curvature_per_mm, conic } => conic_sag(*curvature_per_mm, *conic),
+            Self::EvenAsphere { curvature_per_mm, conic, coefficients } => {
+                let r2 = r_mm * r_mm;
+                let polynomial = coefficients.iter().rev().fold(0.0, |sum, a| (sum + a) * r2);
+                Some(conic_sag(*curvature_per_mm, *conic)? + polynomial)
+            }
+            Self::IdealLens { .. } => Some(0.0),
+        }
+    }
+}
+
+/// The clear ring of a surface: light passes where inner <= r <= outer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Aperture {
+    /// Radius of a central obstruction, mm; 0 for none.
+    pub inner_mm: f64,
+    /// Clear semi-diameter, mm; infinite for none.
+    pub outer_mm: f64,
+}
+
+impl Aperture {
+    /// No limit.
+    pub const OPEN: Self = Self { inner_mm: 0.0, outer_mm: f64::INFINITY };
+
+    /// A circular aperture of this semi-diameter, mm.
+    pub fn circle(semi_diameter_mm: f64) -> Self {
+        Self { inner_mm: 0.0, outer_mm: semi_diameter_mm }
+    }
+}
+
+/// A surface and what follows it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Surface {
+    /// For messages and drawings; may be empty.
+    pub label: String,
+    /// Its figure.
+    pub shape: Shape,
+    /// Distance along the axis to the next vertex, mm; of no meaning for the last surface.
+    pub thickness_mm: f64,
+    /// The medium behind it.
+    pub medium: Medium,
+    /// Its clear aperture.
+    pub aperture: Aperture,
+}
+
+impl Surface {
+    /// A surface without aperture or label.
+    pub fn new(shape: Shape, thickness_mm: f64, medium: Medium) -> Self {
+        Self { label: String::new(), shape, thickness_mm, medium, aperture: Aperture::OPEN }
+    }
+
+    /// With this clear semi-diameter, mm.
+    pub fn semi_diameter(mut self, semi_diameter_mm: f64) -> Self {
+        self.aperture.outer_mm = semi_diameter_mm;
+        self
+    }
+
+    /// With this label.
+    pub fn label(mut self, label: impl Into<String>) -> Self {
+        self.label = label.into();
+        self
+    }
+}
+
+/// Consecutive surfaces that move as one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Group {
+    /// Its name.
+    pub name: String,
+    /// First surface, index from 0.
+    pub first: usize,
+    /// Last surface, index from 0, included.
+    pub last: usize,
+    /// The pivot on the axis, mm from the vertex of the first surface of the group.
+    pub pivot_mm: f64,
+    /// Right-handed turns about x, y and z through the pivot, rad; applied z first, then y, then x.
+    pub tilt_rad: DVec3,
+    /// Displacement, mm, after the turn.
+    pub decentre_mm: DVec3,
+}
+
+impl Group {
+    /// A group that is where it was designed to be.
+    pub fn aligned(name: impl Into<String>, first: usize, last: usize) -> Self {
+        Self {
+            name: name.into(),
+            first,
+            last,
+            pivot_mm: 0.0,
+            tilt_rad: DVec3::ZERO,
+            decentre_mm: DVec3::ZERO,
+        }
+    }
+}
+
+/// Where the object is, and so what a field's two numbers mean.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Object {
+    /// At infinity. A field is the tangents (x, y) of the direction in which light travels.
+    Infinity,
+    /// A plane this far before the first vertex, mm. A field is a point (x, y) on it, mm.
+    Distance(f64),
+}
+
+/// A field point: tangents or mm, see [`Object`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Field {
+    /// x and y.
+    pub at: [f64; 2],
+    /// Weight in means over the field.
+    pub weight: f64,
+}
+
+/// A wavelength.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wavelength {
+    /// nm, in air.
+    pub nm: f64,
+    /// Weight in polychromatic figures.
+    pub weight: f64,
+}
+
+/// What fixes the size of the beam.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Beam {
+    /// Diameter of the paraxial entrance pupil, mm.
+    EntrancePupil(f64),
+    /// Diameter at the stop, mm.
+    Stop(f64),
+    /// Paraxial f-number in image space, for an object at infinity: EFL / entrance pupil.
+    FNumber(f64),
+    /// Numerical aperture in object space, for a finite object.
+    ObjectNa(f64),
+}
+
+/// How rays are aimed at the pupil.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Aiming {
+    /// At the paraxial entrance pupil: exact when nothing stands before the stop.
+    #[default]
+    Paraxial,
+    /// At the stop itself, by iteration: pupil aberration and tilts before the stop included.
+    Stop,
+}
+
+/// A lens system: the last surface is the image surface.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OpticalSystem {
+    /// Its name.
+    pub name: String,
+    /// Where the object is.
+    pub object: Object,
+    /// Fields, at least one.
+    pub fields: Vec<Field>,
+    /// Wavelengths, at least one.
+    pub wavelengths: Vec<Wavelength>,
+    /// Index of the wavelength of first-order figures.
+    pub primary: usize,
+    /// Beam size.
+    pub beam: Beam,
+    /// Index of the stop surface.
+    pub stop: usize,
+    /// Surfaces, image last.
+    pub surfaces: Vec<Surface>,
+    /// Tilts and decentres, applied in this order: a later group turns what earlier ones have moved.
+    pub groups: Vec<Group>,
+    /// The part of every clear semi-diameter that light may use: 1, or 0.9 for mounted lenses.
+    pub clear_fraction: f64,
+    /// Ray aiming.
+    pub aiming: Aiming,
+}
+
+/// Position and attitude of a surface: global = rotation * local + vertex.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Global from local axes.
+    pub rotation: DMat3,
+    /// The vertex, mm.
+    pub vertex_mm: DVec3,
+}
+
+impl OpticalSystem {
+    /// The index of the image surface.
+    pub fn image(&self) -> usize {
+        self.surfaces.len() - 1
+    }
+
+    /// The wavelength of first-order figures, nm.
+    pub fn primary_nm(&self) -> f64 {
+        self.wavelengths[self.primary].nm
+    }
+
+    /// z of each vertex before tilts, mm; the first is 0.
+    pub fn vertices_mm(&self) -> Vec<f64> {
+        let mut z = 0.0;
+        self.surfaces
+            .iter()
+            .map(|surface| {
+                let here = z;
+                z += surface.thickness_mm;
+                here
+            })
+            .collect()
+    }
+
+    /// Position and attitude of every surface, groups applied.
+    pub fn poses(&self) -> Vec<Pose> {
+        let z = self.vertices_mm();
+        let mut poses: Vec<Pose> = z
+            .iter()
+            .map(|&z| Pose { rotation: DMat3::IDENTITY, vertex_mm: DVec3::new(0.0, 0.0, z) })
+            .collect();
+        for group in &self.groups {
+            let pivot = DVec3::new(0.0, 0.0, z[group.first] + group.pivot_mm);
+            let turn = DMat3::from_rotation_x(group.tilt_rad.x)
+                * DMat3::from_rotation_y(group.tilt_rad.y)
+                * DMat3::from_rotation_z(group.tilt_rad.z);
+            for pose in &mut poses[group.first..=group.last] {
+                pose.rotation = turn * pose.rotation;
+                pose.vertex_mm = pivot + group.decentre_mm + turn * (pose.vertex_mm - pivot);
+            }
+        }
+        poses
+    }
+
+    /// The group of this name.
+    pub fn group_mut(&mut self, name: &str) -> Option<&mut Group> {
+        self.groups.iter_mut().find(|group| group.name == name)
+    }
+
+    /// The same system with all groups where they were designed to be.
+    pub fn aligned(&self) -> Self {
+        let mut system = self.clone();
+        for group in &mut system.groups {
+            group.tilt_rad = DVec3::ZERO;
+            group.decentre_mm = DVec3::ZERO;
+        }
+        system
+    }
+
+    /// Checks what every trace relies on; `file` is named in errors. Surfaces are counted from 1 there.
+    ///
+    /// # Errors
+    /// No surface, field or wavelength; a stop, primary wavelength or group that is not among
+    /// them; numbers that are not finite; a negative gap; a beam without extent; weights of sum 0;
+    /// an index that no medium has; a glass used outside its range.
+    pub fn check(&self, file: &Path) -> Result<(), InputError> {
+        let error = |at: String, problem: &str| InputError::new(file, problem).at(at);
+        let count = self.surfaces.len();
+        if count < 2 {
+            return Err(error("surfaces".into(), "a system needs a surface and an image").found(count));
+        }
+        if self.stop >= count - 1 {
+            return Err(error("stop".into(), "the stop is no surface before the image").found(self.stop + 1));
+        }
+        for (i, surface) in self.surfaces.iter().enumerate() {
+            check_surface(file, i, surface, i + 1 == count)?;
+            for wavelength in &self.wavelengths {
+                if let Err(bad) = surface.medium.index(wavelength.nm) {
+                    return Err(error(format!("surface {}", i + 1), &bad.to_string()));
+                }
+            }
+        }
+        if self.fields.is_empty() || self.fields.iter().any(|f| !f.at.iter().all(|v| v.is_finite())) {
+            return Err(error("fields".into(), "a system needs at least one field, of finite numbers"));
+        }
+        if self.primary >= self.wavelengths.len() {
+            return Err(
+                error("wavelengths".into(), "there is no such primary wavelength").found(self.primary + 1)
+            );
+        }
+        let sums = [
+            self.fields.iter().map(|f| f.weight).sum(),
+            self.wavelengths.iter().map(|w| w.weight).sum::<f64>(),
+        ];
+        let negative = self
+            .fields
+            .iter()
+            .map(|f| f.weight)
+            .chain(self.wavelengths.iter().map(|w| w.weight))
+            .any(|w| w < 0.0);
+        if negative || sums.iter().any(|&sum: &f64| !(sum > 0.0 && sum.is_finite())) {
+            return Err(error(
+                "weights".into(),
+                "weights must not be negative, and their sum must be positive",
+            ));
+        }
+        if let Object::Distance(distance) = self.object
+            && !(distance > 0.0 && distance.is_finite())
+        {
+            return Err(
+                error("object".into(), "the object must stand before the first surface").found(distance)
+            );
+        }
+        let (Beam::EntrancePupil(size) | Beam::Stop(size) | Beam::FNumber(size) | Beam::ObjectNa(size)) =
+            self.beam;
+        if !(size > 0.0 && size.is_finite()) {
+            return Err(error("beam".into(), "the beam has no extent")
+                .found(size)
+                .expected("a positive number"));
+        }
+        match (self.beam, self.object) {
+            (Beam::FNumber(_), Object::Distance(_)) => {
+                return Err(error("beam".into(), "an f-number fixes the beam of an object at infinity only")
+                    .help("give the entrance pupil, the stop or the object's numerical aperture"));
+            }
+            (Beam::ObjectNa(na), object) if object == Object::Infinity || na >= 1.0 => {
+                return Err(error(
+                    "beam".into(),
+                    "a numerical aperture needs a finite object, and is below 1",
+                ));
+            }
+            _ => {}
+        }
+        if !(self.clear_fraction > 0.0 && self.clear_fraction <= 1.0) {
+            return Err(error("clear_fraction".into(), "must lie in (0, 1]").found(self.clear_fraction));
+        }
+        for group in &self.groups {
+            if group.first > group.last || group.last >= count {
+                return Err(error(format!("group {}", group.name), "holds surfaces that do not exist"));
+            }
+            let numbers = [group.tilt_rad.to_array(), group.decentre_mm.to_array()];
+            if !group.pivot_mm.is_finite() || numbers.iter().flatten().any(|v| !v.is_finite()) {
+                return Err(error(format!("group {}", group.name), "tilt and decentre must be finite"));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn check_surface(file: &Path, i: usize, surface: &Surface, is_image: bool) -> Result<(), InputError> {
+    let error = |problem: &str| InputError::new(file, problem).at(format!("surface {}", i + 1));
+    let thickness = surface.thickness_mm;
+    if !is_image && !thickness.is_finite() {
+        return Err(error("the distance to the next surface must be finite").found(thickness));
+    }
+    if !is_image && thickness < 0.0 {
+        let what = if surface.medium == Medium::Air { "a negative gap" } else { "a negative thickness" };
+        return Err(error(&format!("{what}: the next surface would stand before this one"))
+            .found(format!("{thickness} mm"))
+            .expected("0 mm or more")
+            .help("give the surfaces in the order in which light meets them"));
+    }
+    let finite = match &surface.shape {
+        Shape::Conic { curvature_per_mm, conic } => curvature_per_mm.is_finite() && conic.is_finite(),
+        Shape::EvenAsphere { curvature_per_mm, conic, coefficients } => {
+            if coefficients.len() > crate::trace::MAX_ASPHERIC_TERMS {
+                return Err(error("too many aspheric terms")
+                    .found(coefficients.len())
+                    .expected(format!("at most {}", crate::trace::MAX_ASPHERIC_TERMS)));
+            }
+            curvature_per_mm.is_finite() && conic.is_finite() && coefficients.iter().all(|a| a.is_finite())
+        }
+        Shape::IdealLens { focal_mm } => focal_mm.is_finite() && *focal_mm != 0.0,
+    };
+    if !finite {
+        return Err(error(
+            "the surface's figure has numbers that are not finite, or a radius or focal length of 0",
+        ));
+    }
+    if let Medium::Index(n) = surface.medium
+        && !(n.is_finite() && n >= 1.0)
+    {
+        return Err(error("no medium has this index").found(n).expected("1 or more, relative to air"));
+    }
+    let Aperture { inner_mm, outer_mm } = surface.aperture;
+    if !(inner_mm >= 0.0 && outer_mm > inner_mm) {
+        return Err(error("the clear aperture is empty")
+            .found(format!("{inner_mm} to {outer_mm} mm"))
+            .expected("0 <= inner < outer"));
+    }
+    Ok(())
+}

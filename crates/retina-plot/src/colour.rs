@@ -1,0 +1,71 @@
+//! Colours.
+
+use std::fmt;
+
+/// An sRGB colour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Colour(pub u8, pub u8, pub u8);
+
+impl Colour {
+    /// Black.
+    pub const BLACK: Self = Self(0, 0, 0);
+    /// For text and axes.
+    pub const INK: Self = Self(0x22, 0x22, 0x22);
+    /// For grids and aids.
+    pub const GREY: Self = Self(0x99, 0x99, 0x99);
+    /// For grid lines.
+    pub const PALE: Self = Self(0xe4, 0xe4, 0xe4);
+}
+
+impl fmt::Display for Colour {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "#{:02x}{:02x}{:02x}", self.0, self.1, self.2)
+    }
+}
+
+/// The qualitative palette of M. Okabe and K. Ito, "Color Universal Design" (2008): blue, vermillion,
+/// bluish green, orange, sky blue, reddish purple, black.
+pub const PALETTE: [Colour; 7] = [
+    Colour(0x00, 0x72, 0xb2),
+    Colour(0xd5, 0x5e, 0x00),
+    Colour(0x00, 0x9e, 0x73),
+    Colour(0xe6, 0x9f, 0x00),
+    Colour(0x56, 0xb4, 0xe9),
+    Colour(0xcc, 0x79, 0xa7),
+    Colour(0x00, 0x00, 0x00),
+];
+
+/// Nodes of the colour map viridis (S. van der Walt and N. Smith, CC0), at equal steps.
+const VIRIDIS: [[u8; 3]; 9] = [
+    [68, 1, 84],
+    [71, 44, 122],
+    [59, 81, 139],
+    [44, 113, 142],
+    [33, 144, 141],
+    [39, 173, 129],
+    [92, 200, 99],
+    [170, 220, 50],
+    [253, 231, 37],
+];
+
+/// Viridis at 0 to 1.
+pub fn heat_colour(value: f64) -> Colour {
+    let place = value.clamp(0.0, 1.0) * 8.0;
+    let i = (place as usize).min(7);
+    let t = place - i as f64;
+    let mix =
+        |k: usize| (f64::from(VIRIDIS[i][k]) * (1.0 - t) + f64::from(VIRIDIS[i + 1][k]) * t).round() as u8;
+    Colour(mix(0), mix(1), mix(2))
+}
+
+/// The place of a wavelength in the palette: violet to red as the eye names them, dark enough to print.
+pub fn wavelength_colour(wavelength_nm: f64) -> Colour {
+    match wavelength_nm {
+        w if w < 430.0 => Colour(0x6a, 0x3d, 0x9a),
+        w if w < 500.0 => PALETTE[0],
+        w if w < 570.0 => PALETTE[2],
+        w if w < 595.0 => PALETTE[3],
+        w if w < 640.0 => PALETTE[1],
+        _ => Colour(0xa5, 0x10, 0x1c),
+    }
+}

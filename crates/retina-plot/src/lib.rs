@@ -1,0 +1,25 @@
+//! Plots for engineers as deterministic SVG: the same data give the same bytes.
+//!
+//! A [`Figure`] is a grid of [`Panel`]s. A panel has two [`Axis`]es and items in data coordinates: lines,
+//! points, bands, polygons, circles, text, heat maps. Colours are those of Okabe and Ito, which people
+//! with colour-vision deficiency can tell apart; [`wavelength_colour`] shows light as the eye would.
+//!
+//! ```
+//! use retina_plot::{Axis, Figure, PALETTE, Panel, Style};
+//! let mut panel = Panel::new(Axis::linear("x (mm)"), Axis::linear("y (um)"));
+//! panel.line("a line", &[[0.0, 0.0], [1.0, 2.0]], Style::line(PALETTE[0]));
+//! let mut figure = Figure::new("example", 1, 1, [420.0, 300.0]);
+//! figure.put(0, 0, panel);
+//! assert!(figure.to_svg().starts_with("<svg"));
+//! ```
+
+mod axis;
+mod colour;
+mod figure;
+mod panel;
+mod svg;
+
+pub use axis::Axis;
+pub use colour::{Colour, PALETTE, heat_colour, wavelength_colour};
+pub use figure::Figure;
+pub use panel::{Anchor, HeatMap, Panel, Style};
