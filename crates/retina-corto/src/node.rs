@@ -5,12 +5,8 @@ use std::path::Path;
 use retina_files::{InputError, nearest, read_text};
 use serde_json::{Map, Value};
 
-/// CORTO's own keys that a file may have beside the one that is missing.
-const KNOWN: [&str; 18] = [
-    "camera_settings",
-    "sun_settings",
-    "body_settings",
-    "rendering_settings",
+/// The keys of `camera_settings`.
+pub(crate) const CAMERA_KEYS: [&str; 10] = [
     "fov",
     "res_x",
     "res_y",
@@ -21,6 +17,13 @@ const KNOWN: [&str; 18] = [
     "clip_end",
     "bit_encoding",
     "viewtransform",
+];
+/// CORTO's other keys that a file may have beside one that is missing.
+const OTHER_KEYS: [&str; 8] = [
+    "camera_settings",
+    "sun_settings",
+    "body_settings",
+    "rendering_settings",
     "angle",
     "energy",
     "position",
@@ -102,7 +105,10 @@ impl<'a> Node<'a> {
                 let error = InputError::new(self.file, format!("the key `{}` is missing", self.child(key)))
                     .expected(expected);
                 // A key that CORTO knows is no slip of the pen for another.
-                let strangers = table.keys().map(String::as_str).filter(|key| !KNOWN.contains(key));
+                let strangers = table
+                    .keys()
+                    .map(String::as_str)
+                    .filter(|key| !CAMERA_KEYS.contains(key) && !OTHER_KEYS.contains(key));
                 let near = nearest(key, strangers);
                 Err(match near {
                     Some(near) => error.help(format!("is `{}` meant?", near.escape_default())),

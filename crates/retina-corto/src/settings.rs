@@ -6,7 +6,7 @@ use retina_files::InputError;
 use retina_geometry::Pinhole;
 use retina_screen::{PlainDisplay, Transfer};
 
-use crate::node::{Node, read_json};
+use crate::node::{CAMERA_KEYS, Node, read_json};
 
 /// Largest image side, pixels.
 const MOST_PIXELS: i64 = 16_384;
@@ -209,21 +209,7 @@ fn unused_of_camera(
     settings: &Settings,
     notes: &mut Vec<String>,
 ) -> Result<(), InputError> {
-    camera.name_unknown(
-        &[
-            "fov",
-            "res_x",
-            "res_y",
-            "film_exposure",
-            "sensor",
-            "K",
-            "clip_start",
-            "clip_end",
-            "bit_encoding",
-            "viewtransform",
-        ],
-        notes,
-    )?;
+    camera.name_unknown(&CAMERA_KEYS, notes)?;
     for key in ["clip_start", "clip_end"] {
         camera.key(key, "Blender units")?.within(0.0..=f64::MAX)?;
     }

@@ -128,7 +128,12 @@ impl Output {
     }
 
     /// The document of a schema, or lines of text.
-    fn print<T: Serialize>(&self, schema: &str, result: &T, lines: impl FnOnce() -> Vec<String>) -> Result<(), Failure> {
+    fn print<T: Serialize>(
+        &self,
+        schema: &str,
+        result: &T,
+        lines: impl FnOnce() -> Vec<String>,
+    ) -> Result<(), Failure> {
         if self.json {
             crate::print_json(&document(schema, result)?);
         } else {
