@@ -68,7 +68,7 @@ fn a_designs_setup_is_read_back() {
         let m = document["magnification"].as_f64().unwrap();
         assert!((m + if match_by == "height" { 0.783 } else { 0.694 }).abs() < 5e-4, "{m}");
         assert!(document["margins"]["total_length_mm"].as_f64().unwrap() > 0.0);
-        assert!(std::fs::read_to_string(&svg).unwrap().contains("collimator"));
+        assert!(std::fs::read_to_string(&svg).unwrap().contains("s_oc"));
     }
 }
 

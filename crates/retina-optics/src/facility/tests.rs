@@ -136,3 +136,16 @@ fn a_design_is_refitted_at_the_magnification_of_eq_13() {
         assert!(FacilityOptics::of_design(&design(), &request, 0, options).is_err());
     }
 }
+
+/// The PSF is that of the stated defocus: away from the best focus, here by twice the depth of focus
+/// 2 lambda N^2 = 0.1 mm and more, the peak falls on both sides.
+#[test]
+fn the_psf_follows_the_defocus() {
+    let optics = wide();
+    let peak = |defocus_mm| optics.psf([0.1, 0.05], 544.0, defocus_mm, [128, 256]).unwrap().peak();
+    let at: Vec<f64> = (-8..=8).map(|i| peak(0.25 * f64::from(i))).collect();
+    let best = (0..at.len()).max_by(|&a, &b| at[a].total_cmp(&at[b])).unwrap();
+    assert!((1..16).contains(&best), "{at:?}");
+    assert!(at[0] < 0.5 * at[best] && at[16] < 0.5 * at[best], "{at:?}");
+    assert!(at.iter().all(|peak| (0.0..=1.001).contains(peak)), "a Strehl ratio: {at:?}");
+}

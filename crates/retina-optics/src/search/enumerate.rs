@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use rayon::prelude::*;
 
-use super::candidate::{Group, Library, MOST_LENSES};
+use super::candidate::{Group, GroupFigures, Library, MOST_LENSES, layout};
 use super::request::SearchRequest;
 use super::third_order::{Ranking, Sums, group_sums};
 
@@ -12,8 +12,14 @@ use super::third_order::{Ranking, Sums, group_sums};
 const GAP_SAMPLES_MM: [f64; 7] = [0.0, 1.5, 4.0, 8.0, 14.0, 22.0, 32.0];
 /// Relays kept for each collimator.
 const RELAYS_PER_COLLIMATOR: usize = 6;
-/// Most groups of a kind that are paired; beyond, those with the least sums are kept.
-const MOST_GROUPS: [usize; 2] = [120_000, 3_000];
+/// Most relays, and most pairs, that are ranked, half a minute's work on two cores: beyond, the groups with
+/// the least spots of their own are kept.
+const MOST_RELAYS: usize = 3_000;
+const MOST_PAIRS: usize = 60_000_000;
+
+/// Largest height of the paraxial rim ray relative to a lens's clear radius: beyond, too much is cut.
+/// Paraxial heights are good to a few percent.
+const MOST_FILLING: f64 = 1.04;
 
 /// A group that has its focal length, with its sums in each configuration.
 struct Ranked {
@@ -30,16 +36,13 @@ pub(crate) fn ranked_pairs(library: &Library, request: &SearchRequest) -> (Vec<[
         (request.collimator_lenses, request.collimator_focal_mm),
         (request.relay_lenses, request.relay_focal_mm),
     ];
-    let groups = [0, 1].map(|kind| {
+    let [mut collimators, mut relays] = [0, 1].map(|kind| {
         let (count, focal_mm) = kinds[kind];
-        let mut groups = groups(library, request, count, focal_mm, kind, &rankings);
-        if groups.len() > MOST_GROUPS[kind] {
-            groups.sort_by(|a, b| alone(&rankings, &a.sums).total_cmp(&alone(&rankings, &b.sums)));
-            groups.truncate(MOST_GROUPS[kind]);
-        }
-        groups
+        groups(library, request, count, focal_mm, kind, &rankings)
     });
-    let [collimators, relays] = &groups;
+    let counts = [collimators.len(), relays.len()];
+    keep_best(&mut relays, MOST_RELAYS, &rankings);
+    keep_best(&mut collimators, MOST_PAIRS / relays.len().max(1), &rankings);
     let mut pairs: Vec<(f64, usize, usize)> = (0..collimators.len())
         .into_par_iter()
         .flat_map_iter(|c| {
@@ -75,12 +78,30 @@ pub(crate) fn ranked_pairs(library: &Library, request: &SearchRequest) -> (Vec<[
         .filter(|pair| seen.insert(lenses_of(pair)))
         .take(request.exact_candidates)
         .collect();
-    (pairs, [collimators.len(), relays.len()])
+    (pairs, counts)
 }
 
 /// The lenses of a candidate in order, as a key.
 pub(crate) fn lenses_of(groups: &[Group; 2]) -> Vec<u16> {
     groups.iter().flat_map(|group| group.elements().iter().copied().chain([u16::MAX])).collect()
+}
+
+/// Whether a group has its room next to the camera or the screen in every configuration.
+fn stands(figures: &GroupFigures, kind: usize, request: &SearchRequest) -> bool {
+    match kind {
+        0 => request.pupil_collimator_mm > figures.front_principal_mm,
+        _ => request.configurations.iter().all(|configuration| {
+            let screen_mm = layout(request, configuration).screen_relay_mm + figures.rear_principal_mm;
+            screen_mm >= request.min_screen_gap_mm
+        }),
+    }
+}
+
+fn keep_best(groups: &mut Vec<Ranked>, most: usize, rankings: &[Ranking]) {
+    if groups.len() > most {
+        groups.sort_by(|a, b| alone(rankings, &a.sums).total_cmp(&alone(rankings, &b.sums)));
+        groups.truncate(most);
+    }
 }
 
 /// A group's spots without the other's compensation, um.
@@ -110,11 +131,19 @@ fn groups(
             samples.iter().filter_map(move |gap| {
                 let gaps_mm = [request.min_gap_mm + gap; MOST_LENSES - 1];
                 let group = library.solve(Group { elements, count, gaps_mm }, focal_mm, request)?;
-                let front_mm = library.figures(&group).front_principal_mm;
-                let sums = rankings
-                    .iter()
-                    .map(|ranking| group_sums(library, &group, front_mm, &ranking.entries[kind]))
-                    .collect();
+                let figures = library.figures(&group);
+                if !stands(&figures, kind, request) {
+                    return None;
+                }
+                let mut sums = Vec::with_capacity(rankings.len());
+                for ranking in rankings {
+                    let entry = &ranking.entries[kind];
+                    let (share, filling) = group_sums(library, &group, figures.front_principal_mm, entry);
+                    if filling > MOST_FILLING * request.clear_fraction {
+                        return None;
+                    }
+                    sums.push(share);
+                }
                 Some(Ranked { group, sums })
             })
         })

@@ -138,7 +138,7 @@ fn third_order_sums_of_groups_add_to_the_systems() {
     for (configuration, system) in request.configurations.iter().zip(&systems) {
         let ranking = Ranking::new(&request, configuration);
         let sums = [0, 1]
-            .map(|g| group_sums(&library, &groups[g], figures[g].front_principal_mm, &ranking.entries[g]));
+            .map(|g| group_sums(&library, &groups[g], figures[g].front_principal_mm, &ranking.entries[g]).0);
         let sums = sums[0].plus(&sums[1]);
         let whole = crate::analysis::seidel_sums(system).unwrap().sum;
         let expected = [whole.spherical_mm, whole.coma_mm, whole.astigmatism_mm, whole.petzval_mm];

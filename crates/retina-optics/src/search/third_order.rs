@@ -98,8 +98,14 @@ impl Ranking {
     }
 }
 
-/// A group's share of the sums. `front_principal_mm` is that of the group.
-pub(crate) fn group_sums(library: &Library, group: &Group, front_principal_mm: f64, entry: &Entry) -> Sums {
+/// A group's share of the sums, and how far the beam of the largest field fills its lenses: the largest
+/// ratio of the paraxial rim ray's height to a lens's radius. `front_principal_mm` is that of the group.
+pub(crate) fn group_sums(
+    library: &Library,
+    group: &Group,
+    front_principal_mm: f64,
+    entry: &Entry,
+) -> (Sums, f64) {
     let mut sums = Sums::default();
     let at_vertex = |[y, u]: [f64; 2]| (y - front_principal_mm * u, u);
     let ((mut y, mut u), (mut y_bar, mut u_bar)) = (at_vertex(entry.marginal), at_vertex(entry.chief));
@@ -114,7 +120,10 @@ pub(crate) fn group_sums(library: &Library, group: &Group, front_principal_mm: f
         });
     }
     let (mut n, mut surface, mut other_before) = (1.0, 0, [1.0; COLOURS]);
+    let mut filling: f64 = 0.0;
     library.walk(group, library.primary, |c, after, distance| {
+        let radius_mm = library.lens(group.elements()[surface / 3]).lens.diameter_mm / 2.0;
+        filling = filling.max((y.abs() + y_bar.abs()) / radius_mm);
         let (a, a_bar) = (n * (u + y * c), n * (u_bar + y_bar * c));
         let bent = |y: f64, u: f64| (n * u - y * (after - n) * c) / after;
         let (u_after, u_bar_after) = (bent(y, u), bent(y_bar, u_bar));
@@ -134,5 +143,5 @@ pub(crate) fn group_sums(library: &Library, group: &Group, front_principal_mm: f
         y_bar += distance * u_bar;
         surface += 1;
     });
-    sums
+    (sums, filling)
 }
