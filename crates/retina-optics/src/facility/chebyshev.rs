@@ -18,7 +18,7 @@ pub struct Chebyshev2<const F: usize> {
 const MOST_NODES: usize = 32;
 
 impl<const F: usize> Chebyshev2<F> {
-    /// Interpolates `function` on |x| <= half[0], |y| <= half[1] with `nodes` (at most 32) points along
+    /// Interpolates `function` on `|x| <= half[0]`, `|y| <= half[1]` with `nodes` (at most 32) points along
     /// each axis.
     ///
     /// # Errors

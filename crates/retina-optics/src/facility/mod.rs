@@ -65,11 +65,11 @@ pub struct FacilityErrors {
 /// Second moments of a spot about its centroid, mm^2 on the screen.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SpotMoments {
-    /// <x x>.
+    /// `<x x>`.
     pub xx_mm2: f64,
-    /// <x y>.
+    /// `<x y>`.
     pub xy_mm2: f64,
-    /// <y y>.
+    /// `<y y>`.
     pub yy_mm2: f64,
 }
 

@@ -11,7 +11,7 @@ pub struct TransmissionGrid {
 }
 
 impl TransmissionGrid {
-    /// Samples `function` on |x| <= half[0], |y| <= half[1].
+    /// Samples `function` on `|x| <= half[0]`, `|y| <= half[1]`.
     ///
     /// # Errors
     /// The first of `function`'s.
