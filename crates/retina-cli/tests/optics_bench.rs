@@ -104,3 +104,25 @@ fn numbers_that_cannot_be_are_refused() {
     refused(&["search", "--part", "NONE"], &["no stock lens is left"]);
     refused(&["search", "--relay-lenses", "9"], &["relay lenses", "2 or 3"]);
 }
+
+#[test]
+fn options_that_mean_nothing_are_refused() {
+    let refused = |arguments: &[&str], word: &str| {
+        let out =
+            std::process::Command::new(env!("CARGO_BIN_EXE_retina")).arg("optics").args(arguments).output();
+        let out = out.unwrap();
+        let text = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(2), "{arguments:?}: {text}");
+        assert!(text.contains(word), "{arguments:?}: {text}");
+    };
+    for scale in ["nan", "-1", "0", "inf"] {
+        refused(&["spots", "reference-1.3fc-wide", "--scale", scale], "above 0");
+    }
+    for gap in ["nan", "-3"] {
+        refused(&["tolerance", "reference-1.3fc-wide", "--gap-um", gap], "0 or more");
+    }
+    refused(&["layout", "reference-1.3fc-wide", "--svg", "layout.png"], "`.svg`");
+    let design =
+        ["design", "--camera-focal-mm", "25", "--f-c", "86.8", "--f-r", "82.8", "--out", "setup.toml"];
+    refused(&[&design[..], &["--name", "two\nlines"]].concat(), "control characters");
+}

@@ -95,7 +95,7 @@ pub(crate) struct SpotArguments {
     #[arg(long, default_value_t = 48, value_parser = clap::value_parser!(u16).range(3..=1000))]
     arms: u16,
     /// Drawn and printed size over size on the image: from screen to sensor, for example.
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, default_value_t = 1.0, value_parser = super::positive, allow_negative_numbers = true)]
     scale: f64,
     #[command(flatten)]
     reading: Reading,

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use retina_files::write_atomic;
+use retina_files::{InputError, write_atomic};
 use retina_geometry::Setup;
 use retina_optics::constraints::{BenchLimits, PaperModel};
 use retina_optics::design::{BenchLenses, Camera, MatchBy, Screen, bench_design, bench_figure, setup_toml};
@@ -99,7 +99,13 @@ fn sensor(text: &str) -> Result<Sensor, String> {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.output.check()?;
-    arguments.out.as_deref().map_or(Ok(()), crate::check_target)?;
+    arguments.out.as_deref().map_or(Ok(()), |file| crate::check_file(file, "toml"))?;
+    if arguments.name.is_empty() || arguments.name.chars().any(char::is_control) {
+        return Err(InputError::new("--name", "the name does not do")
+            .found(format!("{:?}", arguments.name))
+            .expected("text without line breaks or other control characters")
+            .into());
+    }
     let s_cam_mm = arguments.s_cam_mm.unwrap_or(1.3 * arguments.f_c);
     check(&[
         ("--camera-focal-mm", arguments.camera_focal_mm),

@@ -195,16 +195,16 @@ pub(crate) struct ToleranceArguments {
     /// A prescription (.toml, .zmx) or the name of a design that ships.
     system: PathBuf,
     /// Tilt of each lens about x and y, arcmin.
-    #[arg(long, default_value_t = 3.0)]
+    #[arg(long, default_value_t = 3.0, value_parser = super::not_negative, allow_negative_numbers = true)]
     tilt_arcmin: f64,
     /// Decentre of each lens along x and y, um.
-    #[arg(long, default_value_t = 50.0)]
+    #[arg(long, default_value_t = 50.0, value_parser = super::not_negative, allow_negative_numbers = true)]
     decentre_um: f64,
     /// Error of each air gap, um.
-    #[arg(long, default_value_t = 100.0)]
+    #[arg(long, default_value_t = 100.0, value_parser = super::not_negative, allow_negative_numbers = true)]
     gap_um: f64,
     /// Error of each glass's index.
-    #[arg(long, default_value_t = 5e-4)]
+    #[arg(long, default_value_t = 5e-4, value_parser = super::not_negative, allow_negative_numbers = true)]
     index: f64,
     /// Leave the image where it is.
     #[arg(long)]

@@ -17,6 +17,18 @@ use serde_json::{Value, json};
 
 use crate::failure::Failure;
 
+/// A finite number above 0, for an option.
+fn positive(text: &str) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok().filter(|value| value.is_finite() && *value > 0.0);
+    value.ok_or_else(|| "expected a finite number above 0".into())
+}
+
+/// A finite number, 0 or more, for an option.
+fn not_negative(text: &str) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok().filter(|value| value.is_finite() && *value >= 0.0);
+    value.ok_or_else(|| "expected a finite number, 0 or more".into())
+}
+
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
     /// Follows one ray through all surfaces.
@@ -114,7 +126,7 @@ pub(crate) struct Output {
 impl Output {
     /// Refuses a drawing whose folder is not there, before anything is computed.
     fn check(&self) -> Result<(), Failure> {
-        self.svg.as_deref().map_or(Ok(()), crate::check_target)
+        self.svg.as_deref().map_or(Ok(()), |file| crate::check_file(file, "svg"))
     }
 
     /// Writes the drawing, if one is wanted.
