@@ -22,49 +22,6 @@ pub(crate) const MAX_ELEMENTS: usize = 1 << 24;
 /// Largest coordinate, metres: beyond the Sun's radius a thousandfold; areas and volumes stay finite.
 pub(crate) const MAX_COORDINATE_M: f64 = 1e12;
 
-/// Kinds of model files that are read, by the file name's extension.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ModelKind {
-    /// `.glb`, `.gltf`.
-    Gltf,
-    /// `.obj`.
-    Obj,
-}
-
-impl ModelKind {
-    /// The kind of a file, by its extension in capitals or not.
-    ///
-    /// # Errors
-    /// It has another extension, or none.
-    pub fn of(path: &Path) -> Result<Self, InputError> {
-        let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        match extension.as_str() {
-            "glb" | "gltf" => Ok(Self::Gltf),
-            "obj" => Ok(Self::Obj),
-            _ => Err(InputError::new(path, "the body's file is of a kind that is not read here")
-                .found(if extension.is_empty() {
-                    "no extension".to_owned()
-                } else {
-                    format!("`.{}`", extension.escape_default())
-                })
-                .expected("`.glb`, `.gltf` or `.obj`")
-                .help("export the body in one of these formats")),
-        }
-    }
-}
-
-/// Loads a body from a `.glb`, `.gltf` or `.obj` file; an OBJ's materials are not read (see
-/// [`crate::load_obj`]).
-///
-/// # Errors
-/// Another extension; whatever [`crate::load_obj`] or the glTF reader refuses.
-pub fn load_body(path: &Path) -> Result<Body, InputError> {
-    match ModelKind::of(path)? {
-        ModelKind::Gltf => load_gltf(path),
-        ModelKind::Obj => Ok(crate::load_obj(path)?.body),
-    }
-}
-
 /// Loads a body from a glTF file, with its buffers and images wherever they are (embedded, data
 /// URIs, files beside it).
 ///
@@ -77,7 +34,7 @@ pub fn load_body(path: &Path) -> Result<Body, InputError> {
 /// The file cannot be read or is damaged; it needs what is not supported (other primitive modes,
 /// sparse accessors, skins, morphed meshes, coloured vertices, a required extension); it holds no
 /// triangle, or its albedo is black. Each with the part of the file in which it lies.
-fn load_gltf(path: &Path) -> Result<Body, InputError> {
+pub(crate) fn load_gltf(path: &Path) -> Result<Body, InputError> {
     let bytes = read_bytes(path)?;
     let document = Document::parse(path, &bytes)?;
     for extension in &document.root.extensions_required {

@@ -109,6 +109,14 @@ struct Line<'a> {
 }
 
 impl Line<'_> {
+    /// The line's key is none that is traced.
+    fn refused(&self) -> InputError {
+        if self.key.starts_with("NS") {
+            return self.error("belongs to a non-sequential part").help("only sequential systems are traced");
+        }
+        self.error("is not understood").help("it may change the result: remove it if it does not")
+    }
+
     fn error(&self, problem: &str) -> InputError {
         InputError::new(self.path, format!("{} {problem}", self.key))
             .line(self.line)
@@ -203,16 +211,7 @@ fn header_line(header: &mut Header, line: &Line<'_>) -> Result<(), InputError> {
                     .help("save one configuration by itself"));
             }
         }
-        key if key.starts_with("NS") => {
-            return Err(line
-                .error("belongs to a non-sequential part")
-                .help("only sequential systems are traced"));
-        }
-        _ => {
-            return Err(line
-                .error("is not understood")
-                .help("it may change the result: remove it if it does not"));
-        }
+        _ => return Err(line.refused()),
     }
     Ok(())
 }
@@ -246,16 +245,7 @@ fn surface_line(row: &mut Row, line: &Line<'_>) -> Result<(), InputError> {
         "OBSC" => row.clear = Some([line.value(1)?, f64::INFINITY]),
         "OBDC" => line.refuse_unless_zero("decentres an aperture, which is not supported")?,
         "STOP" => row.stop = true,
-        key if key.starts_with("NS") => {
-            return Err(line
-                .error("belongs to a non-sequential part")
-                .help("only sequential systems are traced"));
-        }
-        _ => {
-            return Err(line
-                .error("is not understood")
-                .help("it may change the result: remove it if it does not"));
-        }
+        _ => return Err(line.refused()),
     }
     Ok(())
 }

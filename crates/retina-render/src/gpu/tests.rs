@@ -6,6 +6,7 @@ use retina_geometry::Pinhole;
 use retina_model::{BuildSpec, build_body, load_body};
 use retina_radiometry::{AU_M, Law, PhaseFunction, Photometry};
 
+use super::layout::Chunk;
 use super::*;
 use crate::BodyState;
 
