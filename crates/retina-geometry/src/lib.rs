@@ -10,6 +10,7 @@
 //! - [`WarpMap`]: which source position an output pixel reads, upstream and downstream.
 //! - [`limb_ellipse`]: the outline of a sphere or ellipsoid in a pinhole image.
 
+mod bench_setup;
 mod calibration;
 mod distortion;
 mod limb;
@@ -17,6 +18,7 @@ mod pinhole;
 mod setup;
 mod warp;
 
+pub use bench_setup::{NoiseSetup, OpticsSetup};
 pub use calibration::Calibration;
 pub use distortion::{Distortion, DistortionError, MAX_DEGREE, term_count};
 pub use limb::{LimbEllipse, limb_ellipse};

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use retina_files::{InputError, read_toml};
 use serde::Deserialize;
 
-use crate::Pinhole;
+use crate::{NoiseSetup, OpticsSetup, Pinhole};
 
 /// A facility configuration: screen, camera, and how the one shows on the other.
 #[derive(Debug, Clone, Deserialize)]
@@ -24,6 +24,12 @@ pub struct Setup {
     /// Response of the display; by default 2.2 and the paper's brightest magnitude, scaled.
     #[serde(default)]
     pub response: ResponseSetup,
+    /// The lenses, for the virtual bench.
+    #[serde(default)]
+    pub optics: OpticsSetup,
+    /// The sensor, for the virtual bench.
+    #[serde(default)]
+    pub noise: NoiseSetup,
     /// Where this setup's calibration lies, relative to the setup's file.
     #[serde(default)]
     pub calibration: CalibrationSetup,
@@ -202,6 +208,8 @@ impl Setup {
                 .found(self.screen.bits)
                 .expected("8"));
         }
+        self.optics.check(path)?;
+        self.noise.check(path)?;
         if self.facility.observed_rows_px.is_none() && self.facility.intrinsics.is_none() {
             return Err(InputError::new(path, "the facility's focal length is not given")
                 .at("table `facility`")
@@ -266,6 +274,14 @@ impl Setup {
         let k = self.facility_pinhole();
         let ratio = (k.fx_px * k.fy_px).sqrt() / WIDE_FX_PX;
         self.response.brightest_magnitude.unwrap_or(WIDE_BRIGHTEST_MAGNITUDE + 5.0 * ratio.log10())
+    }
+
+    /// The prescription that the setup names, if it does: a path relative to the setup's file, or the name
+    /// of one that ships.
+    pub fn optics_system(&self) -> Option<PathBuf> {
+        let folder = self.file.parent().unwrap_or(Path::new(""));
+        let system = self.optics.system.as_ref()?;
+        Some(if system.extension().is_some() { folder.join(system) } else { system.clone() })
     }
 
     /// Path of the calibration that ships with the setup, if it names one.

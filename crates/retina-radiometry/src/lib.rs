@@ -5,13 +5,16 @@
 //! - [`Photometry`]: radiance factor I/F of a surface element.
 //! - Sunlight: [`sun_irradiance_w_m2_nm`], [`sun_angular_radius_rad`].
 //! - [`irradiance_of_magnitude_w_m2_nm`] and its inverse (paper, eq. 7).
+//! - [`QuantumEfficiency`]: the sensor over wavelength (paper, eqs. 8-10).
 //! - [`ScreenResponse`]: digital count to irradiance at the pupil and back (paper, eqs. 7-10).
 
+mod efficiency;
 mod hapke;
 mod magnitude;
 mod photometry;
 mod response;
 
+pub use efficiency::QuantumEfficiency;
 pub use hapke::Hapke;
 pub use magnitude::{
     AU_M, SUN_IRRADIANCE_1AU_W_M2_NM, SUN_RADIUS_M, ZERO_MAGNITUDE_W_M2_NM, irradiance_of_magnitude_w_m2_nm,

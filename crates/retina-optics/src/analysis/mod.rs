@@ -17,6 +17,7 @@ pub use fan::{FanPoint, FieldFan, RayFans, WavelengthFan, ray_fans};
 pub use field::{FieldCurves, FieldPoint, field_curves};
 pub use ghost::{Ghost, ghosts};
 pub use illumination::{Illumination, IlluminationPoint, relative_illumination};
+pub(crate) use psf::disc_coverage;
 pub use psf::{EncircledEnergy, Mtf, Psf, encircled_energy, mtf, psf, psf_huygens, psf_polychromatic};
 pub use seidel::{Seidel, SeidelTerm, seidel_sums};
 pub use spot::{FieldSpot, SpotDiagram, SpotOptions, WavelengthSpot, spots};

@@ -14,10 +14,16 @@
 //! Positions on the screen are in the display's axes.
 
 mod chebyshev;
+mod imaging;
+mod kernel;
 mod transmission;
+mod zernike;
 
 pub use chebyshev::Chebyshev2;
+pub use imaging::{Imaging, ImagingErrors, ImagingOptions, Wavefront, tangents};
+pub use kernel::{Kernel, KernelFrame, KernelGrid, SpectralLine};
 pub use transmission::TransmissionGrid;
+pub use zernike::{COMA, TILT, WAVEFRONT_TERMS};
 
 use std::f64::consts::PI;
 

@@ -25,6 +25,11 @@ fn design() -> FacilityDesign {
 
 const HALF_FIELD: [f64; 2] = [0.142, 0.107];
 
+/// Its wide configuration as a traced system.
+pub(super) fn reference_wide() -> crate::OpticalSystem {
+    evaluate(&design(), &SearchRequest::paper(1.3), ScreenFocus::Best).unwrap().1.swap_remove(0)
+}
+
 fn wide() -> FacilityOptics {
     let request = SearchRequest::paper(1.3);
     let options = FacilityOptions { transmission_intervals: 24, ..FacilityOptions::new(HALF_FIELD, 0.99) };

@@ -1,0 +1,212 @@
+//! Screen, optics and camera together.
+
+use retina_geometry::Setup;
+use retina_radiometry::irradiance_of_magnitude_w_m2_nm;
+
+use crate::optics::{
+    BenchOptics, CameraPose, ExposurePose, OpticsDetail, Source, channel_lines, facility_system,
+};
+use crate::{BenchError, Display, Imperfections, ScreenImage, Sensor};
+
+/// More lit sub-pixels than these are a scene and go through Fourier transforms.
+pub(crate) const MOST_POINTS: usize = 30_000;
+
+/// How a bench is built.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct BenchOptions {
+    /// What is wrong with it.
+    pub wrong: Imperfections,
+    /// Seed of its fixed patterns and its noise.
+    pub seed: u64,
+    /// How finely its optics are tabulated.
+    pub detail: OpticsDetail,
+}
+
+/// One exposure.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Exposure {
+    /// Its length, s.
+    pub exposure_s: f64,
+    /// Temperature of the bench, degC.
+    pub temperature_c: f64,
+    /// How the camera has moved.
+    pub pose: ExposurePose,
+    /// Its number: two exposures of one number have the same noise.
+    pub frame: u64,
+}
+
+impl Exposure {
+    /// At 20 degC, nothing moved.
+    pub fn new(exposure_s: f64, frame: u64) -> Self {
+        Self { exposure_s, temperature_c: 20.0, pose: ExposurePose::default(), frame }
+    }
+}
+
+/// What the camera returns.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraFrame {
+    /// Width, pixels.
+    pub width_px: usize,
+    /// Height, pixels.
+    pub height_px: usize,
+    /// Digital numbers, row by row.
+    pub dn: Vec<u16>,
+}
+
+/// The virtual bench.
+pub struct Bench {
+    setup: Setup,
+    display: Display,
+    optics: BenchOptics,
+    sensor: Sensor,
+    /// Electrons a second that a sub-pixel at count 255 on the axis makes, by channel.
+    full_e_s: [f64; 3],
+    seed: u64,
+}
+
+impl Bench {
+    /// Traces the setup's optics and makes its screen and sensor.
+    ///
+    /// # Errors
+    /// The setup's prescription does not fit, or the optics cannot be traced.
+    pub fn new(setup: &Setup, options: &BenchOptions) -> Result<Self, BenchError> {
+        let display = Display::new(setup, options.seed);
+        Self::with_display(setup, display, options)
+    }
+
+    /// As [`Bench::new`], with a display of one's own.
+    ///
+    /// # Errors
+    /// As [`Bench::new`].
+    pub fn with_display(setup: &Setup, display: Display, options: &BenchOptions) -> Result<Self, BenchError> {
+        let sensor = Sensor::new(setup, &options.wrong, options.seed);
+        let mut system = facility_system(setup)?;
+        if options.wrong.clear_fraction > 0.0 {
+            system.clear_fraction = options.wrong.clear_fraction;
+        }
+        let lines = channel_lines(setup, sensor.efficiency(), options.detail.lines);
+        let optics = BenchOptics::new(&system, setup, &display, &options.wrong, &lines, options.detail)?;
+        // Eq. 10: the effective irradiance of a white pixel, a third from each channel.
+        let white =
+            irradiance_of_magnitude_w_m2_nm(setup.brightest_magnitude()) * sensor.efficiency().bandwidth_nm();
+        let each = white / 3.0 * pupil_area_m2(setup) * sensor.efficiency().electrons_per_joule();
+        Ok(Self { setup: setup.clone(), display, optics, sensor, full_e_s: [each; 3], seed: options.seed })
+    }
+
+    /// The setup it was made for.
+    pub fn setup(&self) -> &Setup {
+        &self.setup
+    }
+
+    /// Its display.
+    pub fn display(&self) -> &Display {
+        &self.display
+    }
+
+    /// Its optics.
+    pub fn optics(&self) -> &BenchOptics {
+        &self.optics
+    }
+
+    /// Its sensor.
+    pub fn sensor(&self) -> &Sensor {
+        &self.sensor
+    }
+
+    /// The camera as it stands.
+    pub fn camera(&self) -> &CameraPose {
+        self.optics.camera()
+    }
+
+    /// Electrons a second that a star of this magnitude makes in the camera without the facility (eqs. 7 and
+    /// 8, flat spectrum).
+    pub fn star_e_s(&self, magnitude: f64) -> f64 {
+        let efficiency = self.sensor.efficiency();
+        irradiance_of_magnitude_w_m2_nm(magnitude)
+            * efficiency.bandwidth_nm()
+            * pupil_area_m2(&self.setup)
+            * efficiency.electrons_per_joule()
+    }
+
+    /// Mean electrons of each pixel that the screen's light makes.
+    ///
+    /// # Errors
+    /// The image has another size than the screen.
+    pub fn light_e(&self, screen: &ScreenImage, exposure: &Exposure) -> Result<Vec<f32>, BenchError> {
+        let lit = self.display.sub_pixels(screen)?;
+        let full = self.full_e_s.map(|e| e * exposure.exposure_s);
+        let sources = self.optics.sources(&self.display, &lit, &exposure.pose, full);
+        let size = self.setup.camera.width_px as usize * self.setup.camera.height_px as usize;
+        let mut image = vec![0f32; size];
+        if lit.len() <= MOST_POINTS {
+            self.optics.add_points(&mut image, &sources);
+        } else {
+            self.optics.add_scene(&mut image, &sources);
+        }
+        self.optics.add_stray(&mut image, &sources);
+        // The screen's black: its pixels are smaller than the camera's spots, so it is even.
+        let black = self.black_e_s() * exposure.exposure_s;
+        if black > 0.0 {
+            image.iter_mut().for_each(|value| *value += black as f32);
+        }
+        image.iter_mut().for_each(|value| *value = value.max(0.0));
+        Ok(image)
+    }
+
+    /// Electrons a second and camera pixel of the screen's black.
+    fn black_e_s(&self) -> f64 {
+        let k = self.setup.facility_pinhole();
+        let camera = &self.optics.camera().pinhole;
+        let screen_pixels = (k.fx_px * k.fy_px) / (camera.fx_px * camera.fy_px);
+        self.display.black * self.full_e_s.iter().sum::<f64>() * screen_pixels
+    }
+
+    /// The camera image of a screen image.
+    ///
+    /// # Errors
+    /// The image has another size than the screen.
+    pub fn expose(&self, screen: &ScreenImage, exposure: &Exposure) -> Result<CameraFrame, BenchError> {
+        let light = self.light_e(screen, exposure)?;
+        Ok(self.read(&light, exposure))
+    }
+
+    /// Digital numbers of an image of mean electrons.
+    pub fn read(&self, light_e: &[f32], exposure: &Exposure) -> CameraFrame {
+        CameraFrame {
+            width_px: self.setup.camera.width_px as usize,
+            height_px: self.setup.camera.height_px as usize,
+            dn: self.sensor.read(
+                light_e,
+                exposure.exposure_s,
+                exposure.temperature_c,
+                self.seed,
+                exposure.frame,
+            ),
+        }
+    }
+
+    /// Where a screen position (px) lands on the sensor in an exposure, without noise; `None` off the field.
+    pub fn land_px(&self, screen_px: [f64; 2], channel: usize, exposure: &Exposure) -> Option<[f64; 2]> {
+        let (at, _) = self.optics.land(self.display.mm(screen_px), channel)?;
+        Some(exposure.pose.apply(at, self.optics.camera()).to_array())
+    }
+
+    /// Lit sub-pixels of a screen image as light on the sensor: what [`Bench::light_e`] spreads.
+    ///
+    /// # Errors
+    /// The image has another size than the screen.
+    pub fn sources(&self, screen: &ScreenImage, exposure: &Exposure) -> Result<Vec<Source>, BenchError> {
+        let lit = self.display.sub_pixels(screen)?;
+        let full = self.full_e_s.map(|e| e * exposure.exposure_s);
+        Ok(self.optics.sources(&self.display, &lit, &exposure.pose, full))
+    }
+}
+
+/// Area of the camera's entrance pupil, m^2.
+fn pupil_area_m2(setup: &Setup) -> f64 {
+    let diameter_m = setup.camera.focal_mm * 1e-3 / setup.camera.f_number;
+    std::f64::consts::PI / 4.0 * diameter_m * diameter_m
+}
+
+#[cfg(test)]
+mod tests;

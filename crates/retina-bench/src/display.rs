@@ -1,0 +1,143 @@
+//! The OLED: digital counts to the light of sub-pixels.
+
+use retina_geometry::Setup;
+
+use crate::{BenchError, hash};
+
+/// What the screen is asked to show: digital counts, red, green, blue, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScreenImage {
+    /// Width, pixels.
+    pub width_px: u32,
+    /// Height, pixels.
+    pub height_px: u32,
+    /// Counts.
+    pub counts: Vec<[u8; 3]>,
+}
+
+impl ScreenImage {
+    /// All dark.
+    pub fn dark(width_px: u32, height_px: u32) -> Self {
+        Self { width_px, height_px, counts: vec![[0; 3]; width_px as usize * height_px as usize] }
+    }
+
+    /// Equal counts in the three channels.
+    pub fn grey(width_px: u32, height_px: u32, counts: &[u8]) -> Self {
+        Self { width_px, height_px, counts: counts.iter().map(|&b| [b; 3]).collect() }
+    }
+
+    /// Sets a pixel that is on the screen.
+    pub fn set(&mut self, column: u32, row: u32, counts: [u8; 3]) {
+        self.counts[row as usize * self.width_px as usize + column as usize] = counts;
+    }
+}
+
+/// A lit sub-pixel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SubPixel {
+    /// Centre of its cell, screen pixels.
+    pub at_px: [f64; 2],
+    /// 0 red, 1 green, 2 blue.
+    pub channel: usize,
+    /// Its light above black, 1 at count 255.
+    pub light: f64,
+}
+
+/// The display: response, black, geometry of the sub-pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Display {
+    /// Width and height, pixels.
+    pub size_px: [u32; 2],
+    /// Pitch along x and y, mm.
+    pub pitch_mm: [f64; 2],
+    /// Light of each channel above black at each count, 1 at 255.
+    pub levels: [Vec<f64>; 3],
+    /// Light at count 0.
+    pub black: f64,
+    /// Displacement of each channel's sub-pixel from the pixel's centre along x, pixels: stripes side by
+    /// side at a third.
+    pub stripe_px: [f64; 3],
+    /// Extent of a sub-pixel's shining area, pixels.
+    pub emission_px: [f64; 2],
+    /// Standard deviation of the sub-pixels' light.
+    pub mura: f64,
+    /// Seed of the pattern.
+    pub seed: u64,
+    /// Displacement along x at full load of a pixel's row, px: the row's supply sags.
+    pub row_loading_px: f64,
+}
+
+impl Display {
+    /// The setup's display.
+    pub fn new(setup: &Setup, seed: u64) -> Self {
+        let screen = &setup.screen;
+        let gamma = setup.response_gamma();
+        let black = setup.optics.black_level;
+        let level = |b: usize| (b as f64 / 255.0).powf(gamma) * (1.0 - black);
+        let levels: Vec<f64> = (0..256).map(level).collect();
+        let [fill_x, fill_y] = setup.optics.emission_fill;
+        Self {
+            size_px: [screen.width_px, screen.height_px],
+            pitch_mm: [
+                screen.width_mm / f64::from(screen.width_px),
+                screen.height_mm / f64::from(screen.height_px),
+            ],
+            levels: [levels.clone(), levels.clone(), levels],
+            black,
+            stripe_px: [-1.0 / 3.0, 0.0, 1.0 / 3.0],
+            emission_px: [fill_x / 3.0, fill_y],
+            mura: setup.optics.mura,
+            seed,
+            row_loading_px: 0.0,
+        }
+    }
+
+    /// A position on the screen (pixels) as mm from its centre.
+    pub fn mm(&self, at_px: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|k| (at_px[k] - f64::from(self.size_px[k]) / 2.0) * self.pitch_mm[k])
+    }
+
+    /// The lit sub-pixels, row by row.
+    ///
+    /// # Errors
+    /// The image has another size than the screen.
+    pub fn sub_pixels(&self, image: &ScreenImage) -> Result<Vec<SubPixel>, BenchError> {
+        let found_px = [image.width_px, image.height_px];
+        if found_px != self.size_px {
+            return Err(BenchError::ScreenSize { found_px, expected_px: self.size_px });
+        }
+        let mut lit = Vec::new();
+        for (row, counts) in image.counts.chunks_exact(image.width_px as usize).enumerate() {
+            let shift = match self.row_loading_px {
+                0.0 => 0.0,
+                full => full * row_load(counts),
+            };
+            for (column, counts) in counts.iter().enumerate() {
+                if *counts == [0; 3] {
+                    continue;
+                }
+                let pixel = (row * image.width_px as usize + column) as u64;
+                for channel in (0..3).filter(|&c| counts[c] > 0) {
+                    let pattern = match self.mura {
+                        0.0 => 1.0,
+                        sigma => {
+                            1.0 + sigma * hash::normal(self.seed ^ 0x6d75_7261, 3 * pixel + channel as u64)
+                        }
+                    };
+                    lit.push(SubPixel {
+                        at_px: [column as f64 + 0.5 + self.stripe_px[channel] + shift, row as f64 + 0.5],
+                        channel,
+                        light: pattern * self.levels[channel][usize::from(counts[channel])],
+                    });
+                }
+            }
+        }
+        Ok(lit)
+    }
+}
+
+/// Mean drive of a row, 0 to 1.
+fn row_load(counts: &[[u8; 3]]) -> f64 {
+    let sum: u64 = counts.iter().flatten().map(|&b| u64::from(b)).sum();
+    sum as f64 / (counts.len() * 3 * 255) as f64
+}

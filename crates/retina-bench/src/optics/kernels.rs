@@ -1,0 +1,198 @@
+//! What a sub-pixel's light does to the pixels about its centroid, at nodes over the sensor.
+
+use glam::DVec2;
+use rayon::prelude::*;
+use retina_optics::facility::{Chebyshev2, Imaging, Kernel, KernelFrame, KernelGrid, SpectralLine, tangents};
+
+use super::{CameraPose, FUNCTIONS, OpticsDetail, added};
+use crate::{BenchError, Display, Imperfections};
+
+/// Samples of a kernel a pixel.
+pub(super) const PER_PX: usize = 4;
+
+/// A kernel cut into its phases: plane (py, px) holds the samples (4 j + py, 4 i + px), row j, column i.
+/// So neighbouring pixels read neighbouring numbers.
+#[derive(Debug, Clone)]
+pub(super) struct Phases {
+    pub(super) values: Vec<f32>,
+}
+
+/// Kernels of the three channels at nodes that cover the sensor.
+pub(super) struct Kernels {
+    nodes: [usize; 2],
+    size_px: [usize; 2],
+    half_px: usize,
+    /// Index: (row of nodes * columns + column) * 3 + channel.
+    phases: Vec<Phases>,
+    /// The largest value beyond each whole radius (pixels), over all kernels.
+    pub(super) tail: Vec<f32>,
+    /// Mean share of the light that lies beyond the kernels.
+    beyond: f64,
+}
+
+/// The four nodes about a place and their shares.
+pub(super) type Blend = [(usize, f32); 4];
+
+impl Kernels {
+    pub(super) fn new(
+        imaging: &Imaging,
+        maps: &[Chebyshev2<FUNCTIONS>],
+        half_screen_mm: [f64; 2],
+        camera: &CameraPose,
+        display: &Display,
+        wrong: &Imperfections,
+        lines: &[Vec<SpectralLine>; 3],
+        detail: OpticsDetail,
+        size_px: [usize; 2],
+    ) -> Result<Self, BenchError> {
+        let grid = KernelGrid { focal_px: camera.pinhole.fx_px, per_px: PER_PX, half_px: detail.half_px };
+        let fill = if wrong.pixel_fill > 0.0 { wrong.pixel_fill } else { 1.0 };
+        let count = detail.nodes[0] * detail.nodes[1];
+        let at_node = |node: usize| {
+            let at = [node % detail.nodes[0], node / detail.nodes[0]];
+            DVec2::new(
+                at[0] as f64 / (detail.nodes[0] - 1) as f64 * size_px[0] as f64,
+                at[1] as f64 / (detail.nodes[1] - 1) as f64 * size_px[1] as f64,
+            )
+        };
+        let made: Vec<(Phases, f64)> = (0..3 * count)
+            .into_par_iter()
+            .map(|i| {
+                let (node, channel) = (i / 3, i % 3);
+                let (screen, slope) = source_of(&maps[channel], half_screen_mm, at_node(node));
+                let [x, y, z] = wrong.screen.place(screen);
+                // The centroid of all lines together is the kernel's middle.
+                let mut reference = [0.0; 2];
+                let mut toward = [0.0; 2];
+                let mut radius_mm = 0.0;
+                for &(nm, weight) in &lines[channel] {
+                    let wavefront = imaging.wavefront([x, y], nm, z);
+                    let tilt = wavefront.reference_tangents();
+                    radius_mm = wavefront.pupil_radius_mm;
+                    let terms = added(&wrong.objective, tilt, nm, radius_mm);
+                    let at = tangents(wavefront.plus(&terms).centroid());
+                    reference = [0, 1].map(|k| reference[k] + weight * at[k]);
+                    toward = [0, 1].map(|k| toward[k] + weight * tilt[k]);
+                }
+                let frame = KernelFrame { reference, roll_rad: camera.roll_rad };
+                let objective = |nm: f64| added(&wrong.objective, toward, nm, radius_mm);
+                let mut kernel = imaging.kernel([x, y], &lines[channel], z, frame, grid, objective)?;
+                kernel.spread(emission_px(slope, display));
+                kernel.spread([fill, fill]);
+                Ok::<_, BenchError>((Phases::of(&kernel), kernel.beyond))
+            })
+            .collect::<Result<_, _>>()?;
+        let beyond = made.iter().map(|(_, beyond)| beyond).sum::<f64>() / made.len() as f64;
+        let phases: Vec<Phases> = made.into_iter().map(|(phases, _)| phases).collect();
+        let mut tail = vec![0f32; detail.half_px + 2];
+        for phases in &phases {
+            phases.note_tail(detail.half_px, &mut tail);
+        }
+        for r in (0..tail.len() - 1).rev() {
+            tail[r] = tail[r].max(tail[r + 1]);
+        }
+        Ok(Self { nodes: detail.nodes, size_px, half_px: detail.half_px, phases, tail, beyond })
+    }
+
+    /// Samples of a phase plane along each axis.
+    pub(super) fn plane(&self) -> usize {
+        2 * self.half_px + 1
+    }
+
+    pub(super) fn half_px(&self) -> usize {
+        self.half_px
+    }
+
+    pub(super) fn beyond(&self) -> f64 {
+        self.beyond
+    }
+
+    pub(super) fn nodes(&self) -> [usize; 2] {
+        self.nodes
+    }
+
+    pub(super) fn phases(&self, node: usize, channel: usize) -> &Phases {
+        &self.phases[3 * node + channel]
+    }
+
+    /// Bilinear shares of the nodes about a place on the sensor; places off it take its edge.
+    pub(super) fn blend(&self, at_px: DVec2) -> Blend {
+        let along = |value: f64, size: usize, nodes: usize| {
+            let at = (value / size as f64).clamp(0.0, 1.0) * (nodes - 1) as f64;
+            let cell = (at as usize).min(nodes - 2);
+            (cell, (at - cell as f64) as f32)
+        };
+        let (x, fx) = along(at_px.x, self.size_px[0], self.nodes[0]);
+        let (y, fy) = along(at_px.y, self.size_px[1], self.nodes[1]);
+        let first = y * self.nodes[0] + x;
+        let below = first + self.nodes[0];
+        [
+            (first, (1.0 - fx) * (1.0 - fy)),
+            (first + 1, fx * (1.0 - fy)),
+            (below, (1.0 - fx) * fy),
+            (below + 1, fx * fy),
+        ]
+    }
+}
+
+/// The point of the display (mm) whose light lands at a pixel, and d(pixel) / d(mm): rows x, y. By Newton's
+/// method, kept on the table.
+fn source_of(
+    map: &Chebyshev2<FUNCTIONS>,
+    half_screen_mm: [f64; 2],
+    at_px: DVec2,
+) -> ([f64; 2], [[f64; 2]; 2]) {
+    let mut at = [0.0; 2];
+    let mut slope = [[0.0; 2]; 2];
+    for _ in 0..12 {
+        let [x, y, _] = map.at(at);
+        let [dx, dy] = map.gradient(at);
+        slope = [[dx[0], dy[0]], [dx[1], dy[1]]];
+        let miss = [at_px.x - x, at_px.y - y];
+        let det = slope[0][0] * slope[1][1] - slope[0][1] * slope[1][0];
+        let step = [
+            (slope[1][1] * miss[0] - slope[0][1] * miss[1]) / det,
+            (slope[0][0] * miss[1] - slope[1][0] * miss[0]) / det,
+        ];
+        at = [0, 1].map(|k| (at[k] + step[k]).clamp(-half_screen_mm[k], half_screen_mm[k]));
+    }
+    (at, slope)
+}
+
+/// Extent of a sub-pixel's shining area on the sensor, px: a box of the same second moments.
+fn emission_px(slope: [[f64; 2]; 2], display: &Display) -> [f64; 2] {
+    let mm = [0, 1].map(|k| display.emission_px[k] * display.pitch_mm[k]);
+    slope.map(|row| (row[0] * mm[0]).hypot(row[1] * mm[1]))
+}
+
+impl Phases {
+    fn of(kernel: &Kernel) -> Self {
+        let side = kernel.grid.side();
+        let plane = 2 * kernel.grid.half_px + 1;
+        let mut values = vec![0f32; PER_PX * PER_PX * plane * plane];
+        for y in 0..side {
+            for x in 0..side {
+                let phase = (y % PER_PX) * PER_PX + x % PER_PX;
+                values[(phase * plane + y / PER_PX) * plane + x / PER_PX] = kernel.values[y * side + x];
+            }
+        }
+        Self { values }
+    }
+
+    /// Raises `tail[r]` to the largest value at a distance of at least r, below r + 1 pixels.
+    fn note_tail(&self, half_px: usize, tail: &mut [f32]) {
+        let plane = 2 * half_px + 1;
+        for (at, &value) in self.values.iter().enumerate() {
+            let (phase, j, i) = (at / (plane * plane), at / plane % plane, at % plane);
+            let y = (PER_PX * j + phase / PER_PX) as f32 / PER_PX as f32 - half_px as f32;
+            let x = (PER_PX * i + phase % PER_PX) as f32 / PER_PX as f32 - half_px as f32;
+            let r = (x.abs().max(y.abs()) as usize).min(tail.len() - 1);
+            tail[r] = tail[r].max(value);
+        }
+    }
+
+    /// The samples at whole pixels from the middle, row by row: 2 half + 1 a side.
+    pub(super) fn whole_pixels(&self, plane: usize) -> &[f32] {
+        &self.values[..plane * plane]
+    }
+}

@@ -1,0 +1,154 @@
+//! Light where it should not be: ghosts and veiling glare.
+//!
+//! A ghost (two reflections between lens surfaces) takes a direction on the screen to s = g theta and spreads
+//! a pencil over a disc there; seen from the camera, a screen point shines at theta = s / g through a disc
+//! of the pencil's radius over g. Both figures are traced: a chief ray off the axis and the pencil on it.
+
+use glam::DVec2;
+use retina_geometry::Setup;
+use retina_optics::analysis::ghosts;
+use retina_optics::{Clipping, Launcher, OpticalSystem, Tracer};
+
+use super::{CameraPose, Source};
+use crate::BenchError;
+
+/// Ghosts wider than this share of the sensor's height are glare.
+const WIDEST: f64 = 0.5;
+/// Cell of the grid on which ghosts are laid, pixels: they are smooth.
+const CELL_PX: usize = 8;
+/// A tangent at which the ghosts' chief rays are traced.
+const CHIEF_TAN: f64 = 0.02;
+
+struct Ghost {
+    /// Its share of the light.
+    share: f64,
+    /// Direction it shines at, over that of its source.
+    scale: f64,
+    /// Radius of its disc, px.
+    radius_px: f64,
+}
+
+/// Stray light of a bench.
+pub(super) struct Ghosts {
+    ghosts: Vec<Ghost>,
+    /// Share of the light that is spread evenly over the image.
+    glare: f64,
+}
+
+impl Ghosts {
+    /// `beyond`: light that the kernels do not hold.
+    pub(super) fn new(system: &OpticalSystem, setup: &Setup, beyond: f64) -> Result<Self, BenchError> {
+        let pinhole = setup.camera_pinhole();
+        let facility_mm = 1.0 / retina_optics::paraxial::Paraxial::primary(system)?.power();
+        let launcher = Launcher::new(system)?;
+        let mut found = Vec::new();
+        let mut glare = setup.optics.veiling_glare + beyond;
+        for ghost in ghosts(system, Some(setup.optics.coating_reflectance))? {
+            let share = ghost.reflectance * ghost.transmitted;
+            if share <= 0.0 {
+                continue;
+            }
+            let tracer =
+                Tracer::ghost(system, system.primary_nm(), Clipping::Off, ghost.first - 1, ghost.second - 1)?;
+            let ray = launcher.ray([CHIEF_TAN, 0.0], [0.0, 0.0])?;
+            let lands = tracer.trace_to_image(&ray).ok().map(|hit| hit.local_mm.x / CHIEF_TAN);
+            let disc = lands.and_then(|g| {
+                let rms_mm = ghost.rms_radius_mm?;
+                // A disc's rms radius is its radius over sqrt(2).
+                let radius_px = 2f64.sqrt() * rms_mm / g.abs() * pinhole.fx_px;
+                Some((facility_mm / g, radius_px))
+                    .filter(|(scale, radius)| scale.is_finite() && radius.is_finite())
+            });
+            match disc {
+                Some((scale, radius_px)) if radius_px < WIDEST * f64::from(pinhole.height_px) => {
+                    found.push(Ghost { share, scale, radius_px });
+                }
+                _ => glare += share,
+            }
+        }
+        Ok(Self { ghosts: found, glare })
+    }
+
+    /// Adds the stray light of these sources to an image of electrons.
+    pub(super) fn add(
+        &self,
+        image: &mut [f32],
+        [width, height]: [usize; 2],
+        camera: &CameraPose,
+        sources: &[Source],
+    ) {
+        let total: f64 = sources.iter().map(|source| source.electrons).sum();
+        let even = (total * self.glare / (width * height) as f64) as f32;
+        let cells = [width.div_ceil(CELL_PX), height.div_ceil(CELL_PX)];
+        let centre = DVec2::new(camera.pinhole.cx_px, camera.pinhole.cy_px);
+        // Sources on the coarse grid once; each ghost lays the lit cells.
+        let mut lit = vec![0f64; cells[0] * cells[1]];
+        let cell_of = |at: DVec2| {
+            let cell = at / CELL_PX as f64;
+            let on = cell.x >= 0.0 && cell.y >= 0.0 && cell.x < cells[0] as f64 && cell.y < cells[1] as f64;
+            on.then(|| cell.y as usize * cells[0] + cell.x as usize)
+        };
+        for source in sources {
+            if let Some(cell) = cell_of(source.at_px) {
+                lit[cell] += source.electrons;
+            }
+        }
+        let mut stray = vec![even; cells[0] * cells[1]];
+        for ghost in &self.ghosts {
+            let mut laid = vec![0f64; cells[0] * cells[1]];
+            for (cell, &electrons) in lit.iter().enumerate().filter(|(_, electrons)| **electrons > 0.0) {
+                let at = DVec2::new((cell % cells[0]) as f64 + 0.5, (cell / cells[0]) as f64 + 0.5)
+                    * CELL_PX as f64;
+                if let Some(cell) = cell_of(centre + (at - centre) * ghost.scale) {
+                    laid[cell] += electrons * ghost.share / (CELL_PX * CELL_PX) as f64;
+                }
+            }
+            spread(&mut laid, cells, ghost.radius_px / CELL_PX as f64);
+            stray.iter_mut().zip(laid).for_each(|(sum, value)| *sum += value as f32);
+        }
+        for (y, row) in image.chunks_exact_mut(width).enumerate() {
+            let v = ((y as f32 + 0.5) / CELL_PX as f32 - 0.5).clamp(0.0, (cells[1] - 1) as f32);
+            let j = (v as usize).min(cells[1].saturating_sub(2));
+            let below = (j + 1).min(cells[1] - 1);
+            let fy = v - j as f32;
+            for (x, value) in row.iter_mut().enumerate() {
+                let u = ((x as f32 + 0.5) / CELL_PX as f32 - 0.5).clamp(0.0, (cells[0] - 1) as f32);
+                let i = (u as usize).min(cells[0].saturating_sub(2));
+                let right = (i + 1).min(cells[0] - 1);
+                let fx = u - i as f32;
+                let line = |j: usize| stray[j * cells[0] + i] * (1.0 - fx) + stray[j * cells[0] + right] * fx;
+                *value += line(j) * (1.0 - fy) + line(below) * fy;
+            }
+        }
+    }
+}
+
+/// Spreads light over discs by three passes of boxes of the same second moment: r^2 / 4 an axis.
+fn spread(light: &mut [f64], [width, height]: [usize; 2], radius: f64) {
+    // A box of w cells has (w^2 - 1) / 12.
+    let box_half =
+        ((0.5 * ((12.0 * radius * radius / 4.0 / 3.0 + 1.0).sqrt() - 1.0)).round() as usize).min(width);
+    if box_half == 0 {
+        return;
+    }
+    let mut line = Vec::new();
+    let mut pass = |light: &mut [f64], first: usize, step: usize, count: usize| {
+        line.clear();
+        line.push(0.0);
+        for i in 0..count {
+            line.push(line[i] + light[first + i * step]);
+        }
+        for i in 0..count {
+            let (from, to) = (i.saturating_sub(box_half), (i + box_half + 1).min(count));
+            light[first + i * step] = (line[to] - line[from]) / (2 * box_half + 1) as f64;
+        }
+    };
+    for _ in 0..3 {
+        for y in 0..height {
+            pass(light, y * width, 1, width);
+        }
+        for x in 0..width {
+            pass(light, x, width, height);
+        }
+    }
+}

@@ -1,0 +1,276 @@
+//! The image of a screen point on the camera's sensor: what each pixel receives, by one Fourier sum over
+//! the pupil.
+//!
+//! The amplitude at direction cosines c is U(c) = integral over the pupil of exp(i k (V(p) - c p)) d2p; the
+//! share of the light per unit of c is |U|^2 / (lambda^2 A), whose integral is 1 for a clear pupil of area
+//! A. The camera's objective is ideal: it takes tangents to pixels. About the reference direction,
+//! c = c_0 + J^-1 (pixels / f), J the derivative of tangents by cosines; with q = J^-1 p the sum is
+//! a Fourier transform over a grid of (projected) pupil points, whose step is chosen such that the samples
+//! of the transform are the grid's.
+
+use std::f64::consts::TAU;
+
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex32;
+
+use super::zernike::{Polynomial, WAVEFRONT_TERMS};
+use super::{Imaging, Wavefront};
+use crate::OpticsError;
+use crate::analysis::disc_coverage;
+
+/// The sensor's grid on which a kernel is sampled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KernelGrid {
+    /// Focal length of the camera's objective, pixels.
+    pub focal_px: f64,
+    /// Samples a pixel.
+    pub per_px: usize,
+    /// The kernel reaches this far from its reference, pixels.
+    pub half_px: usize,
+}
+
+impl KernelGrid {
+    /// Samples a side; the middle one is at the reference.
+    pub fn side(&self) -> usize {
+        2 * self.half_px * self.per_px + 1
+    }
+}
+
+/// Share of a point's light per square pixel, or, after [`Kernel::spread`], per pixel about each sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Kernel {
+    /// Where it is sampled.
+    pub grid: KernelGrid,
+    /// Row by row, y down; the middle is at the reference direction.
+    pub values: Vec<f32>,
+    /// Share of the light that the pupil passes and that lies beyond the grid.
+    pub beyond: f64,
+}
+
+/// Where a kernel is centred and how its axes lie.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KernelFrame {
+    /// The direction of its middle, tangents in the facility's axes.
+    pub reference: [f64; 2],
+    /// The camera's turn about the boresight: its axes from the facility's, rad.
+    pub roll_rad: f64,
+}
+
+/// Cells across the pupil in which apertures cut: the share they leave is good to 0.2 %.
+const MASK_SIDE: usize = 96;
+
+/// A wavelength and its share of the light.
+pub type SpectralLine = (f64, f64);
+
+impl Imaging {
+    /// The image of a screen point that shines in these spectral lines (nm, share), in a camera's frame,
+    /// per square pixel. Apertures cut. `objective` gives the wavefront (mm) that the camera's objective
+    /// adds at a wavelength.
+    ///
+    /// # Errors
+    /// The grid is too coarse for diffraction; as [`Imaging::pupil_mask`].
+    pub fn kernel(
+        &self,
+        screen_mm: [f64; 2],
+        lines: &[SpectralLine],
+        defocus_mm: f64,
+        frame: KernelFrame,
+        grid: KernelGrid,
+        objective: impl Fn(f64) -> [f64; WAVEFRONT_TERMS],
+    ) -> Result<Kernel, OpticsError> {
+        let side = grid.side();
+        let mut sum = vec![0f64; side * side];
+        let mut passed = 0.0;
+        for &(nm, weight) in lines {
+            let wavefront = self.wavefront(screen_mm, nm, defocus_mm);
+            let mask_of = |side| self.pupil_mask(&wavefront, nm, side);
+            let seen = wavefront.plus(&objective(nm));
+            passed += weight * add_line(&mut sum, &seen, mask_of, (nm, weight), frame, grid)?;
+        }
+        let on_grid: f64 = sum.iter().sum::<f64>() / (grid.per_px * grid.per_px) as f64;
+        Ok(Kernel { grid, values: sum.iter().map(|v| *v as f32).collect(), beyond: passed - on_grid })
+    }
+}
+
+/// Adds the image in one line; returns the share that the pupil passes.
+fn add_line(
+    sum: &mut [f64],
+    wavefront: &Wavefront,
+    mask_of: impl Fn(usize) -> Result<Option<Vec<bool>>, OpticsError>,
+    (nm, weight): SpectralLine,
+    frame: KernelFrame,
+    grid: KernelGrid,
+) -> Result<f64, OpticsError> {
+    let radius_mm = wavefront.pupil_radius_mm;
+    let lambda_mm = nm * 1e-6;
+    // tangents t of cosines c = t / sqrt(1 + t^2): dc/dt = (1 - c c^T) / sqrt(1 + t^2) = J^-1.
+    let KernelFrame { reference, roll_rad } = frame;
+    let n = 1.0 / (1.0 + reference[0].powi(2) + reference[1].powi(2)).sqrt();
+    let c = [reference[0] * n, reference[1] * n];
+    let inverse = [[n * (1.0 - c[0] * c[0]), -n * c[0] * c[1]], [-n * c[0] * c[1], n * (1.0 - c[1] * c[1])]];
+    let det = inverse[0][0] * inverse[1][1] - inverse[0][1] * inverse[1][0];
+    let jacobian = [[inverse[1][1] / det, -inverse[0][1] / det], [-inverse[1][0] / det, inverse[0][0] / det]];
+    // In a turned camera's axes, pixels are R d and q is R J^-1 p: p = J R^T q.
+    let (sin, cos) = roll_rad.sin_cos();
+    let jacobian = jacobian.map(|[a, b]| [a * cos - b * sin, a * sin + b * cos]);
+    // The transform's period holds a third more than the grid; its samples are the grid's when the pupil's
+    // are lambda f / (samples of a period) apart.
+    let period = transform_side(grid);
+    let step = lambda_mm * grid.focal_px * grid.per_px as f64 / (period as f64 * radius_mm);
+    let pupil_side = (2.0 / step).ceil() as usize + 1;
+    if pupil_side > period {
+        return Err(OpticsError::Undefined(format!(
+            "{} samples a pixel are too few for diffraction at {nm:.0} nm: take more",
+            grid.per_px
+        )));
+    }
+    let mask = mask_of(MASK_SIDE)?;
+    let mut less_tilt = wavefront.coefficients_mm;
+    less_tilt[0] -= c[0] * radius_mm;
+    less_tilt[1] -= c[1] * radius_mm;
+    let phase = Polynomial::of_terms(&less_tilt.map(|v| v / lambda_mm)).transformed(jacobian);
+    let at = |i: usize| (i as f64 - (pupil_side - 1) as f64 / 2.0) * step;
+    let mut amplitude = vec![Complex32::default(); period * period];
+    let (mut clear, mut covered) = (0.0, 0.0);
+    for row in 0..pupil_side {
+        let v = at(row);
+        let line = phase.on_row(v);
+        for column in 0..pupil_side {
+            let u = at(column);
+            let p = [jacobian[0][0] * u + jacobian[0][1] * v, jacobian[1][0] * u + jacobian[1][1] * v];
+            let coverage = disc_coverage(p[0], p[1], step);
+            clear += coverage;
+            if coverage == 0.0 || !mask.as_ref().is_none_or(|mask| passes(mask, MASK_SIDE, p)) {
+                continue;
+            }
+            covered += coverage;
+            let waves = line.iter().rev().fold(0.0, |sum, c| sum * u + c);
+            let (sin, cos) = (TAU * (waves - waves.round())).sin_cos();
+            amplitude[row * period + column] =
+                Complex32::new((coverage * cos) as f32, (coverage * sin) as f32);
+        }
+    }
+    transform(&mut amplitude, period, pupil_side);
+    let cell = det.recip() * (step * radius_mm).powi(2);
+    // The pupil's area as the samples have it.
+    let area = clear * cell;
+    let scale = weight * (cell / lambda_mm).powi(2) / area * det / grid.focal_px.powi(2);
+    let (side, half) = (grid.side(), grid.side() / 2);
+    // Transposed by the transform, its zero in the corner.
+    let wrap = |k: usize| (k + period - half) % period;
+    for (y, line) in sum.chunks_exact_mut(side).enumerate() {
+        for (x, sum) in line.iter_mut().enumerate() {
+            *sum += scale * f64::from(amplitude[wrap(x) * period + wrap(y)].norm_sqr());
+        }
+    }
+    Ok(covered / clear)
+}
+
+/// Whether the cell of a mask that holds a pupil point passes light.
+fn passes(mask: &[bool], side: usize, p: [f64; 2]) -> bool {
+    let cell = |v: f64| (((v + 1.0) / 2.0 * side as f64) as usize).min(side - 1);
+    mask[cell(p[1]) * side + cell(p[0])]
+}
+
+/// Samples of the transform's period: a third more than the grid's, a product of small primes.
+fn transform_side(grid: KernelGrid) -> usize {
+    let least = (grid.side() * 4).div_ceil(3);
+    let smooth = |mut n: usize| {
+        for p in [2, 3] {
+            while n.is_multiple_of(p) {
+                n /= p;
+            }
+        }
+        n == 1
+    };
+    (least..).find(|&n| smooth(n)).unwrap_or(least)
+}
+
+/// The two-dimensional transform of a square whose first `filled` rows hold something; transposed.
+fn transform(values: &mut [Complex32], side: usize, filled: usize) {
+    let plan = FftPlanner::new().plan_fft_forward(side);
+    plan.process(&mut values[..filled * side]);
+    let mut turned = vec![Complex32::default(); side * side];
+    for y in 0..filled {
+        for x in 0..side {
+            turned[x * side + y] = values[y * side + x];
+        }
+    }
+    plan.process(&mut turned);
+    values.copy_from_slice(&turned);
+}
+
+impl Kernel {
+    /// Spreads each point over a box of these extents (pixels): a pixel's or a source's area.
+    pub fn spread(&mut self, [width_px, height_px]: [f64; 2]) {
+        let side = self.grid.side();
+        let per_px = self.grid.per_px as f64;
+        let mut line = vec![0f32; side];
+        for row in self.values.chunks_exact_mut(side) {
+            boxed(row, &mut line, width_px * per_px);
+            row.copy_from_slice(&line);
+        }
+        let mut column = vec![0f32; side];
+        for x in 0..side {
+            for y in 0..side {
+                column[y] = self.values[y * side + x];
+            }
+            boxed(&column, &mut line, height_px * per_px);
+            for y in 0..side {
+                self.values[y * side + x] = line[y];
+            }
+        }
+    }
+
+    /// The share that a pixel on the reference and its whole-pixel neighbours receive together.
+    pub fn energy(&self) -> f64 {
+        let side = self.grid.side();
+        let of_pixels = (0..side).step_by(self.grid.per_px);
+        let sum = |y: usize| -> f64 { of_pixels.clone().map(|x| f64::from(self.values[y * side + x])).sum() };
+        of_pixels.clone().map(sum).sum()
+    }
+
+    /// Direction of the centroid from the reference, pixels.
+    pub fn centroid_px(&self) -> [f64; 2] {
+        let side = self.grid.side();
+        let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
+        for (at, &value) in self.values.iter().enumerate() {
+            let value = f64::from(value);
+            sum += value;
+            x += value * (at % side) as f64;
+            y += value * (at / side) as f64;
+        }
+        let middle = (side / 2) as f64;
+        [x, y].map(|v| (v / sum - middle) / self.grid.per_px as f64)
+    }
+}
+
+/// The mean over a box of `width` samples about each sample, of the function that joins the samples by
+/// straight lines and is 0 beyond them.
+fn boxed(from: &[f32], to: &mut [f32], width: f64) {
+    let count = from.len();
+    // Integral from the first sample to each.
+    let mut integral = Vec::with_capacity(count);
+    let mut sum = 0.0;
+    for i in 0..count {
+        if i > 0 {
+            sum += 0.5 * (f64::from(from[i - 1]) + f64::from(from[i]));
+        }
+        integral.push(sum);
+    }
+    let up_to = |x: f64| {
+        let x = x.clamp(0.0, (count - 1) as f64);
+        let i = (x as usize).min(count - 2);
+        let share = x - i as f64;
+        let (a, b) = (f64::from(from[i]), f64::from(from[i + 1]));
+        integral[i] + share * (a + 0.5 * share * (b - a))
+    };
+    for (i, to) in to.iter_mut().enumerate() {
+        let x = i as f64;
+        *to = ((up_to(x + width / 2.0) - up_to(x - width / 2.0)) / width) as f32;
+    }
+}
+
+#[cfg(test)]
+#[path = "kernel_tests.rs"]
+mod tests;
