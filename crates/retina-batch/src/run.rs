@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use retina_files::{InputError, hash_bytes, write_atomic};
 use retina_render::{Quality, RadianceImage};
-use retina_scene::{RadianceScale, Scene, SceneFrame, ShownPoint};
+use retina_scene::{DisplayedPoint, RadianceScale, Scene, SceneFrame, ShownPoint};
 use serde_json::json;
 
 use crate::folder::{Folder, ManifestLine, Record, frame_file};
@@ -74,7 +74,7 @@ pub struct Summary {
     pub saturated_px: u64,
     /// Selected frames that have such pixels.
     pub saturated_frames: usize,
-    /// Frames of this run with a planet or a star whose spot is no point: see [`SPOT_PX`].
+    /// Frames of this run with a planet, a star or an unresolved body whose spot is no point: see [`SPOT_PX`].
     pub spot_frames: usize,
     /// What rendered; `None` where there was nothing to render.
     pub adapter: Option<AdapterName>,
@@ -354,6 +354,11 @@ fn encode_all(waiting: &Mutex<Receiver<Job>>, reports: &Sender<Done>, writer: &F
     }
 }
 
+/// Whether a point's light fills a disc of [`SPOT_PX`].
+fn fills_a_spot(shown: &DisplayedPoint) -> bool {
+    shown.pixels as f64 > std::f64::consts::FRAC_PI_4 * SPOT_PX * SPOT_PX
+}
+
 /// Makes the files of a frame.
 struct FrameWriter<'a> {
     batch: &'a Batch,
@@ -407,7 +412,8 @@ impl FrameWriter<'_> {
             painted.saturated_px,
             &self.name,
         ))?;
-        let has_spot = painted.stars.iter().any(|star| self.is_spot(star));
+        let has_spot = painted.stars.iter().any(|star| self.is_spot(star))
+            || painted.body.is_some_and(|body| fills_a_spot(&body));
         Ok(FrameDone { saturated_px: painted.saturated_px, has_spot })
     }
 
@@ -416,8 +422,7 @@ impl FrameWriter<'_> {
             .point
             .planet
             .map_or(0.0, |planet| 2.0 * planet.angular_radius_rad * self.batch.scene.image.fx_px);
-        let filled = star.displayed.map_or(0.0, |shown| shown.pixels as f64);
-        disc_px > SPOT_PX || filled > std::f64::consts::FRAC_PI_4 * SPOT_PX * SPOT_PX
+        disc_px > SPOT_PX || star.displayed.is_some_and(|shown| fills_a_spot(&shown))
     }
 
     fn put(

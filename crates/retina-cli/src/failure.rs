@@ -1,7 +1,7 @@
 //! Errors as the user sees them.
 
 use std::fmt;
-use std::io::IsTerminal as _;
+use std::io::{IsTerminal as _, Write as _};
 
 use miette::{Diagnostic, LabeledSpan, MietteHandlerOpts, NamedSource, ReportHandler, SourceCode};
 use retina_batch::BatchError;
@@ -32,7 +32,8 @@ impl Failure {
             .terminal_links(false)
             .wrap_lines(false)
             .build();
-        eprint!("{:?}", Shown { failure: self, handler: &handler });
+        // Where standard error is closed the exit code alone speaks.
+        let _ = write!(std::io::stderr(), "{:?}", Shown { failure: self, handler: &handler });
     }
 }
 

@@ -5,6 +5,7 @@
 
 mod command;
 mod failure;
+mod output;
 mod progress;
 
 use std::process::ExitCode;
@@ -61,12 +62,6 @@ fn main() -> ExitCode {
             ExitCode::from(2)
         }
     }
-}
-
-/// Writes a document to standard output; a reader that has gone away is no failure.
-fn print_json(document: &serde_json::Value) {
-    use std::io::Write as _;
-    let _ = writeln!(std::io::stdout(), "{document:#}");
 }
 
 /// A file of one kind is to be written: its folder must be there and its name end as it should.

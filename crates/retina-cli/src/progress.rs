@@ -3,6 +3,7 @@
 use std::io::IsTerminal as _;
 use std::time::{Duration, Instant};
 
+use crate::output::tell;
 use indicatif::{ProgressBar, ProgressStyle};
 use retina_batch::{Observer, Progress};
 
@@ -39,8 +40,8 @@ impl Reporter {
 impl Observer for Reporter {
     fn note(&mut self, text: &str) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| eprintln!("retina: {text}")),
-            None => eprintln!("retina: {text}"),
+            Some(bar) => bar.suspend(|| tell!("{text}")),
+            None => tell!("{text}"),
         }
     }
 
@@ -64,9 +65,6 @@ impl Observer for Reporter {
         self.last_line = Instant::now();
         let rate = progress.done as f64 / self.start.elapsed().as_secs_f64();
         let left_s = (progress.to_do - progress.done) as f64 / rate;
-        eprintln!(
-            "retina: {}/{} frames, {rate:.2} a second, {left_s:.0} s left",
-            progress.done, progress.to_do
-        );
+        tell!("{}/{} frames, {rate:.2} a second, {left_s:.0} s left", progress.done, progress.to_do);
     }
 }

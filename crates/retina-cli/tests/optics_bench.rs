@@ -122,6 +122,13 @@ fn options_that_mean_nothing_are_refused() {
         refused(&["tolerance", "reference-1.3fc-wide", "--gap-um", gap], "0 or more");
     }
     refused(&["layout", "reference-1.3fc-wide", "--svg", "layout.png"], "`.svg`");
+    refused(&["layout", "reference-1.3fc-wide", "--png", "layout.svg"], "`.png`");
+    refused(&["layout", "reference-1.3fc-wide"], "--svg FILE");
+    refused(&["tolerance", "reference-1.3fc-wide", "--gap-um", "1e9"], "at most 100000");
+    refused(&["trace", "reference-1.3fc-wide", "--pupil", "2,2"], "outside the pupil");
+    refused(&["trace", "reference-1.3fc-wide", "--field", "0,1e5"], "at most 1e2");
+    refused(&["constraints", "--f-c", "1e9", "--f-r", "82.8"], "longer than any bench");
+    refused(&["psf", "reference-1.3fc-wide", "--pitch-um", "5"], "too coarse: at most 3.3");
     let design =
         ["design", "--camera-focal-mm", "25", "--f-c", "86.8", "--f-r", "82.8", "--out", "setup.toml"];
     refused(&[&design[..], &["--name", "two\nlines"]].concat(), "control characters");

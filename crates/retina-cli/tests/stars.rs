@@ -240,6 +240,25 @@ fn an_unresolved_body_is_shown_as_a_point() {
     }
 }
 
+/// Magnitude -9 of a screen whose full pixel has -1.44: some 1000 pixels, a disc of 36.
+#[test]
+fn an_unresolved_body_that_is_too_bright_is_warned_of_as_a_spot() {
+    let distance_m = FOCAL_PX * RADIUS_M / 0.3;
+    for (scale, is_spot) in [(0.005, false), (10.0, true)] {
+        let fixture = Fixture::new();
+        fixture.edit("scene.toml", "\"auto\"", &format!("{scale:?}"));
+        fixture.write("poses.csv", &format!("{HEADER}\n0,0,0,{},1,0,0,0,0,0,{}\n", -distance_m, -AU_M));
+        let made = fixture.render("out", &[]);
+        assert_done(&made);
+        assert_eq!(
+            common::stderr(&made).contains("unresolved body as a spot"),
+            is_spot,
+            "{}",
+            common::stderr(&made)
+        );
+    }
+}
+
 #[test]
 fn keys_of_deep_space_are_blamed_by_their_names() {
     for (key, words) in [

@@ -210,6 +210,14 @@ pub enum Aiming {
     Stop,
 }
 
+/// Longest distance, radius of an aperture, decentre or beam of a system, mm: a kilometre. Beyond it f64
+/// has no nanometre left, and no bench has it.
+pub(crate) const LONGEST_MM: f64 = 1e6;
+/// Largest tangent of a field: 89.4 degrees.
+pub(crate) const LARGEST_TAN: f64 = 100.0;
+/// Largest index of a medium: germanium has 4.
+const LARGEST_INDEX: f64 = 10.0;
+
 /// A lens system: the last surface is the image surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OpticalSystem {
@@ -331,6 +339,13 @@ impl OpticalSystem {
         if self.fields.is_empty() || self.fields.iter().any(|f| !f.at.iter().all(|v| v.is_finite())) {
             return Err(error("fields".into(), "a system needs at least one field, of finite numbers"));
         }
+        for (i, field) in self.fields.iter().enumerate() {
+            self.check_field(field.at).map_err(|(found, expected)| {
+                error(format!("field {}", i + 1), "the field is beyond what is traced")
+                    .found(found)
+                    .expected(expected)
+            })?;
+        }
         if self.primary >= self.wavelengths.len() {
             return Err(
                 error("wavelengths".into(), "there is no such primary wavelength").found(self.primary + 1)
@@ -353,18 +368,21 @@ impl OpticalSystem {
             ));
         }
         if let Object::Distance(distance) = self.object
-            && !(distance > 0.0 && distance.is_finite())
+            && !(distance > 0.0 && distance <= LONGEST_MM)
         {
-            return Err(
-                error("object".into(), "the object must stand before the first surface").found(distance)
-            );
+            return Err(error("object".into(), "the object must stand before the first surface")
+                .found(format!("{distance} mm"))
+                .expected(format!("above 0, at most {LONGEST_MM:e} mm"))
+                .help("leave the table out for an object at infinity"));
         }
         let (Beam::EntrancePupil(size) | Beam::Stop(size) | Beam::FNumber(size) | Beam::ObjectNa(size)) =
             self.beam;
-        if !(size > 0.0 && size.is_finite()) {
-            return Err(error("beam".into(), "the beam has no extent")
+        if !(size > 0.0 && size <= LONGEST_MM) {
+            let problem =
+                if size > 0.0 { "the beam is wider than any bench" } else { "the beam has no extent" };
+            return Err(error("beam".into(), problem)
                 .found(size)
-                .expected("a positive number"));
+                .expected(format!("above 0, at most {LONGEST_MM:e}")));
         }
         match (self.beam, self.object) {
             (Beam::FNumber(_), Object::Distance(_)) => {
@@ -390,16 +408,60 @@ impl OpticalSystem {
             if !group.pivot_mm.is_finite() || numbers.iter().flatten().any(|v| !v.is_finite()) {
                 return Err(error(format!("group {}", group.name), "tilt and decentre must be finite"));
             }
+            let longest = numbers[1].iter().fold(group.pivot_mm.abs(), |most, v| most.max(v.abs()));
+            if longest > LONGEST_MM {
+                return Err(error(format!("group {}", group.name), "pivot or decentre is beyond any bench")
+                    .found(format!("{longest} mm"))
+                    .expected(format!("at most {LONGEST_MM:e} mm")));
+            }
         }
         Ok(())
+    }
+
+    /// What is wrong with a field, as (found, expected).
+    fn check_field(&self, at: [f64; 2]) -> Result<(), (String, String)> {
+        let (limit, unit) = match self.object {
+            Object::Infinity => (LARGEST_TAN, "tangents of"),
+            Object::Distance(_) => (LONGEST_MM, "points (mm) of"),
+        };
+        if at.iter().all(|v| v.abs() <= limit) {
+            return Ok(());
+        }
+        Err((format!("{}, {}", at[0], at[1]), format!("{unit} at most {limit:e} in size")))
+    }
+
+    /// Checks a field and a point of the pupil that do not come from the system itself; `file` is named in
+    /// errors.
+    ///
+    /// # Errors
+    /// A field beyond the limits of [`OpticalSystem::check`]; a point outside the unit pupil.
+    pub fn check_ray(&self, file: &Path, field: [f64; 2], pupil: [f64; 2]) -> Result<(), InputError> {
+        self.check_field(field).map_err(|(found, expected)| {
+            InputError::new(file, "the field is beyond what is traced")
+                .at("field")
+                .found(found)
+                .expected(expected)
+        })?;
+        let radius = pupil[0].hypot(pupil[1]);
+        // A rim point that was rounded to decimals may lie outside by their last digit.
+        if radius <= 1.0 + 1e-6 {
+            return Ok(());
+        }
+        Err(InputError::new(file, "the point lies outside the pupil: the beam has no such ray")
+            .at("pupil")
+            .found(format!("{}, {}, at radius {radius}", pupil[0], pupil[1]))
+            .expected("a point of the unit disc")
+            .help("the pupil's rim is at radius 1"))
     }
 }
 
 fn check_surface(file: &Path, i: usize, surface: &Surface, is_image: bool) -> Result<(), InputError> {
     let error = |problem: &str| InputError::new(file, problem).at(format!("surface {}", i + 1));
     let thickness = surface.thickness_mm;
-    if !is_image && !thickness.is_finite() {
-        return Err(error("the distance to the next surface must be finite").found(thickness));
+    if !is_image && (thickness.is_nan() || thickness > LONGEST_MM) {
+        return Err(error("the distance to the next surface is beyond what is traced")
+            .found(format!("{thickness} mm"))
+            .expected(format!("at most {LONGEST_MM:e} mm")));
     }
     if !is_image && thickness < 0.0 {
         let what = if surface.medium == Medium::Air { "a negative gap" } else { "a negative thickness" };
@@ -426,9 +488,11 @@ fn check_surface(file: &Path, i: usize, surface: &Surface, is_image: bool) -> Re
         ));
     }
     if let Medium::Index(n) = surface.medium
-        && !(n.is_finite() && n >= 1.0)
+        && !(1.0..=LARGEST_INDEX).contains(&n)
     {
-        return Err(error("no medium has this index").found(n).expected("1 or more, relative to air"));
+        return Err(error("no medium has this index")
+            .found(n)
+            .expected(format!("1 to {LARGEST_INDEX}, relative to air")));
     }
     let Aperture { inner_mm, outer_mm } = surface.aperture;
     if !(inner_mm >= 0.0 && outer_mm > inner_mm) {

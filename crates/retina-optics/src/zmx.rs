@@ -18,7 +18,7 @@ use crate::text::number;
 const IGNORED: &[&str] = &[
     "VERS", "NAME", "NOTE", "PFIL", "LANG", "GFAC", "GCAT", "PUSH", "SDMA", "OMMA", "ROPD", "PICB", "POLS",
     "GLRS", "GSTD", "NSCD", "COFN", "RSCE", "RWRE", "FIMP", "HIDE", "MIRR", "SLAB", "SCOL", "COMM", "POPS",
-    "OEMA", "COAT", "BLNK", "SCBD", "TOL", "MOFF", "MERI", "EFFL", "UDAD",
+    "OEMA", "MEMA", "COAT", "BLNK", "SCBD", "TOL", "MOFF", "MERI", "EFFL", "UDAD",
 ];
 
 #[derive(Clone)]
@@ -31,6 +31,8 @@ struct Row {
     thickness_mm: f64,
     glass: Option<(usize, String)>,
     semi_diameter_mm: Option<f64>,
+    /// The editor's user fixed the semi-diameter: it is no mere extent of the beam.
+    is_fixed: bool,
     clear: Option<[f64; 2]>,
     stop: bool,
     label: String,
@@ -77,6 +79,7 @@ pub fn parse_zmx(path: &Path, text: &str, glasses: &GlassCatalogue) -> Result<Op
                 thickness_mm: 0.0,
                 glass: None,
                 semi_diameter_mm: None,
+                is_fixed: false,
                 clear: None,
                 stop: false,
                 label: String::new(),
@@ -239,7 +242,16 @@ fn surface_line(row: &mut Row, line: &Line<'_>) -> Result<(), InputError> {
             let name = line.words.first().ok_or_else(|| line.error("names no glass"))?;
             row.glass = Some((line.line, (*name).to_owned()));
         }
-        "DIAM" => row.semi_diameter_mm = Some(line.value(0)?),
+        "DIAM" => {
+            row.semi_diameter_mm = Some(line.value(0)?);
+            // The second value is the solve: 0 automatic, 1 fixed, 2 picked up from another surface, 3 the
+            // automatic one of all configurations.
+            row.is_fixed = match line.words.get(1) {
+                None | Some(&("0" | "3")) => false,
+                Some(&("1" | "2")) => true,
+                Some(_) => return Err(line.error("has an unknown kind of semi-diameter").expected("0 to 3")),
+            };
+        }
         // Clear aperture: circular with inner and outer radius.
         "CLAP" | "FLAP" => row.clear = Some([line.value(0)?, line.value(1)?]),
         "OBSC" => row.clear = Some([line.value(1)?, f64::INFINITY]),
@@ -269,7 +281,9 @@ fn assemble(
     } else {
         Object::Distance(object_row.thickness_mm * unit)
     };
-    let surfaces = rows.iter().map(|row| surface(path, row, unit, glasses)).collect::<Result<Vec<_>, _>>()?;
+    let mut surfaces =
+        rows.iter().map(|row| surface(path, row, unit, glasses)).collect::<Result<Vec<_>, _>>()?;
+    fixed_apertures(rows, unit, &mut surfaces);
     let stop = rows.iter().position(|row| row.stop).ok_or_else(|| {
         whole("the system has no stop")
             .expected("a STOP line below one surface")
@@ -311,6 +325,20 @@ fn assemble(
     system.fields = fields(path, &header, &system)?;
     system.check(path)?;
     Ok(system)
+}
+
+/// A fixed semi-diameter stops rays, as a floating aperture, where the surface bends light and has no
+/// aperture of its own; an automatic one is the extent of the beam and stops none.
+fn fixed_apertures(rows: &[Row], unit: f64, surfaces: &mut [Surface]) {
+    for (i, row) in rows.iter().enumerate() {
+        let before = if i == 0 { Medium::Air } else { surfaces[i - 1].medium.clone() };
+        let bends = before != surfaces[i].medium || matches!(surfaces[i].shape, Shape::IdealLens { .. });
+        if let (true, true, None, Some(semi)) = (bends, row.is_fixed, row.clear, row.semi_diameter_mm)
+            && semi > 0.0
+        {
+            surfaces[i].aperture = Aperture::circle(semi * unit);
+        }
+    }
 }
 
 fn surface(path: &Path, row: &Row, unit: f64, glasses: &GlassCatalogue) -> Result<Surface, InputError> {
@@ -356,7 +384,6 @@ fn surface(path: &Path, row: &Row, unit: f64, glasses: &GlassCatalogue) -> Resul
             name => Medium::Glass(glasses.require(path, name).map_err(|error| error.line(*line))?),
         },
     };
-    // DIAM is the drawn size; it stops rays only where the editor was told so, with CLAP.
     let [inner, outer] = row.clear.unwrap_or([0.0, f64::INFINITY]);
     Ok(Surface {
         label: row.label.clone(),

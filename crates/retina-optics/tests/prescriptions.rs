@@ -110,6 +110,26 @@ fn a_zmx_file_is_the_system_that_the_toml_is() {
     }
 }
 
+/// The format's DIAM: semi-diameter, then how it is solved for (1: fixed by the user). A fixed one limits a
+/// surface that bends light, an automatic one is the extent of the beam, and a CLAP comes before both.
+#[test]
+fn a_fixed_diameter_of_a_zmx_file_is_an_aperture() {
+    let outer = |from: &str, to: &str| {
+        assert!(COOKE.contains(from), "{from}");
+        let system = zmx(&COOKE.replacen(from, to, 1)).unwrap();
+        [0, 5, 6].map(|i| system.surfaces[i].aperture.outer_mm)
+    };
+    let none = f64::INFINITY;
+    assert_eq!(outer("DIAM 9.5 0", "DIAM 9.5 0"), [none; 3]);
+    assert_eq!(outer("DIAM 9.5 0", "DIAM 9.5 1"), [9.5, none, none]);
+    assert_eq!(outer("DIAM 9.5 0", "CLAP 0 9 0\n  DIAM 9.5 1"), [9.0, none, none]);
+    // The image bends no light.
+    assert_eq!(outer("DISZ 0\n", "DISZ 0\n  DIAM 4.0 1 0 0 1 \"\"\n"), [none; 3]);
+    assert_eq!(outer("DISZ 42.20778\n", "DISZ 42.20778\n  DIAM 7.0 2 1\n"), [none, 7.0, none]);
+    let error = zmx(&COOKE.replacen("DIAM 9.5 0", "DIAM 9.5 8", 1)).unwrap_err().to_string();
+    assert!(error.contains("unknown kind of semi-diameter"), "{error}");
+}
+
 #[test]
 fn zmx_in_utf16_is_read_too() {
     let folder = std::env::temp_dir().join(format!("retina-zmx-{}", std::process::id()));

@@ -1,4 +1,4 @@
-//! Plots for engineers as deterministic SVG: the same data give the same bytes.
+//! Plots for engineers as deterministic SVG, and as PNG: the same data give the same bytes.
 //!
 //! A [`Figure`] is a grid of [`Panel`]s. A panel has two [`Axis`]es and items in data coordinates: lines,
 //! points, bands, polygons, circles, text, heat maps. Colours are those of Okabe and Ito, which people
@@ -16,10 +16,13 @@
 mod axis;
 mod colour;
 mod figure;
+mod font;
 mod panel;
+mod raster;
 mod svg;
 
 pub use axis::Axis;
 pub use colour::{Colour, PALETTE, heat_colour, wavelength_colour};
 pub use figure::Figure;
 pub use panel::{Anchor, HeatMap, Panel, Style};
+pub use raster::{RasterError, png};

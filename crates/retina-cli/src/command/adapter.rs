@@ -5,6 +5,7 @@ use serde_json::json;
 
 use super::Backend;
 use crate::failure::Failure;
+use crate::output::{print_json, print_lines, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -20,18 +21,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (name, fallback) = AdapterName::of_choice(arguments.backend.into())?;
     let reason = fallback.map(|error| error.to_string());
     if arguments.json {
-        crate::print_json(&json!({
+        print_json(&json!({
             "schema": "retina.adapter/1",
             "backend": name.backend,
             "adapter": name.adapter,
             "driver": name.driver,
             "fallback_reason": reason,
-        }));
+        }))?;
         return Ok(());
     }
-    println!("{}: {} ({})", name.backend, name.adapter, name.driver);
+    print_lines(&[format!("{}: {} ({})", name.backend, name.adapter, name.driver)])?;
     if let Some(reason) = reason {
-        eprintln!("retina: rendering would be on the CPU: {reason}");
+        tell!("rendering would be on the CPU: {reason}");
     }
     Ok(())
 }

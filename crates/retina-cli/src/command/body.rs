@@ -7,6 +7,7 @@ use retina_model::{AlbedoSource, BuildSpec, Relief, build_body};
 use serde_json::json;
 
 use crate::failure::Failure;
+use crate::output::{print_json, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -76,8 +77,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     write_atomic(&arguments.out, &built.glb)
         .map_err(|error| Failure::new(format!("{} cannot be written: {error}", arguments.out.display())))?;
     let report = built.report;
-    eprintln!(
-        "retina: {}: {} vertices, {} triangles, heights {:.0} to {:.0} m, edges up to {:.4} deg (longest / shortest \
+    tell!(
+        "{}: {} vertices, {} triangles, heights {:.0} to {:.0} m, edges up to {:.4} deg (longest / shortest \
          {:.3}, areas {:.3}), {} bytes",
         arguments.out.display(),
         report.vertices,
@@ -90,7 +91,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
         report.bytes,
     );
     if arguments.json {
-        crate::print_json(&json!({
+        print_json(&json!({
             "schema": "retina.body/1",
             "out": arguments.out,
             "vertices": report.vertices,
@@ -101,7 +102,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
             "edge_ratio": report.edge_ratio,
             "max_edge_deg": report.max_edge_rad.to_degrees(),
             "bytes": report.bytes,
-        }));
+        }))?;
     }
     Ok(())
 }

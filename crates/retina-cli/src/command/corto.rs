@@ -6,6 +6,7 @@ use retina_corto::{Products, Scenario, Shown, parse_products};
 use retina_scene::{Compensation, Scene};
 
 use crate::failure::Failure;
+use crate::output::tell;
 
 #[derive(clap::Args)]
 pub(crate) struct CortoArguments {
@@ -43,7 +44,7 @@ impl CortoArguments {
     /// Reads the scenario and tells what was guessed.
     pub(crate) fn scenario(&self, folder: &Path) -> Result<Scenario, Failure> {
         let scenario = Scenario::read(folder, self.sidecar.as_deref())?;
-        tell(&scenario.notes);
+        tell_notes(&scenario.notes);
         Ok(scenario)
     }
 
@@ -73,15 +74,15 @@ impl CortoArguments {
         let scenario = self.scenario(folder)?;
         let shown = self.shown();
         let (scene, notes) = scenario.scene(&shown, true)?;
-        tell(&notes);
+        tell_notes(&notes);
         let products = wanted.map(|wanted| Products::of(&scenario, &shown, &scene, &wanted)).transpose()?;
         Ok((scene, products))
     }
 }
 
 /// Notes on standard error, a line each.
-pub(crate) fn tell(notes: &[String]) {
+pub(crate) fn tell_notes(notes: &[String]) {
     for note in notes {
-        eprintln!("retina: {note}");
+        tell!("{note}");
     }
 }

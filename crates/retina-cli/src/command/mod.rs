@@ -25,6 +25,24 @@ pub(crate) enum Backend {
     Cpu,
 }
 
+/// What renders, and how finely.
+#[derive(clap::Args)]
+pub(crate) struct Rendering {
+    /// What renders.
+    #[arg(long, value_enum, default_value_t)]
+    pub(crate) backend: Backend,
+    /// How finely a frame is sampled, in the place of the scene's own.
+    #[arg(long, value_enum)]
+    quality: Option<QualityName>,
+}
+
+impl Rendering {
+    /// The quality that was asked for.
+    pub(crate) fn quality(&self) -> Option<Quality> {
+        self.quality.map(Quality::from)
+    }
+}
+
 impl From<Backend> for BackendChoice {
     fn from(backend: Backend) -> Self {
         match backend {

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use retina_batch::{Batch, FrameRange, Options, SPOT_PX, Selection, Shard, Summary};
-use retina_render::Quality;
 use retina_scene::Scene;
 use serde_json::json;
 
+use super::Rendering;
 use super::corto::CortoArguments;
-use super::{Backend, QualityName};
 use crate::failure::Failure;
+use crate::output::{print_json, tell};
 use crate::progress::Reporter;
 
 #[derive(clap::Args)]
@@ -38,12 +38,8 @@ pub(crate) struct Arguments {
     /// Keep the finished frames of an earlier run of the same scene and make the others.
     #[arg(long)]
     resume: bool,
-    /// What renders.
-    #[arg(long, value_enum, default_value_t)]
-    backend: Backend,
-    /// How finely a frame is sampled, in the place of the scene's own.
-    #[arg(long, value_enum)]
-    quality: Option<QualityName>,
+    #[command(flatten)]
+    rendering: Rendering,
     /// Print the summary as a JSON document on standard output.
     #[arg(long)]
     json: bool,
@@ -59,8 +55,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
         dir: arguments.out,
         selection: Selection { range: arguments.frames, every: arguments.every, shard: arguments.shard },
         resume: arguments.resume,
-        backend: arguments.backend.into(),
-        quality: arguments.quality.map(Quality::from),
+        backend: arguments.rendering.backend.into(),
+        quality: arguments.rendering.quality(),
     };
     let mut batch = Batch::new(scene, options);
     if let Some(products) = products {
@@ -72,7 +68,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     let summary = result?;
     report(&summary);
     if arguments.json {
-        crate::print_json(&document(&summary));
+        print_json(&document(&summary))?;
     }
     Ok(())
 }
@@ -84,27 +80,33 @@ fn seconds_a_frame(summary: &Summary) -> Option<f64> {
 fn report(summary: &Summary) {
     let dir = summary.dir.display();
     match (&summary.adapter, seconds_a_frame(summary)) {
-        (Some(name), Some(each)) => eprintln!(
-            "retina: {} frames in {:.1} s ({each:.3} s each), {} were there; radiance scale {:.6e}; {} ({}); {dir}",
-            summary.done, summary.seconds, summary.skipped, summary.radiance_scale, name.adapter, name.driver,
+        (Some(name), Some(each)) => tell!(
+            "{} frames in {:.1} s ({each:.3} s each), {} were there; radiance scale {:.6e}; {} ({}); {dir}",
+            summary.done,
+            summary.seconds,
+            summary.skipped,
+            summary.radiance_scale,
+            name.adapter,
+            name.driver,
         ),
         _ if summary.skipped > 0 => {
-            eprintln!("retina: nothing to do, all {} frames are there; {dir}", summary.skipped);
+            tell!("nothing to do, all {} frames are there; {dir}", summary.skipped);
         }
-        _ => eprintln!("retina: nothing to do, the selection holds no frame; {dir}"),
+        _ => tell!("nothing to do, the selection holds no frame; {dir}"),
     }
     if summary.spot_frames > 0 {
-        eprintln!(
-            "retina: warning: {} frames show a planet or star as a spot wider than {SPOT_PX} pixels: its light is right, its \
+        tell!(
+            "warning: {} frames show a planet, star or unresolved body as a spot wider than {SPOT_PX} pixels: its light is right, its \
              size is not; make it a body of the scene",
             summary.spot_frames,
         );
     }
     if summary.saturated_px > 0 {
-        eprintln!(
-            "retina: warning: {} pixels in {} frames are brighter than the screen can show; a smaller radiance_scale \
+        tell!(
+            "warning: {} pixels in {} frames are brighter than the screen can show; a smaller radiance_scale \
              avoids it",
-            summary.saturated_px, summary.saturated_frames,
+            summary.saturated_px,
+            summary.saturated_frames,
         );
     }
 }

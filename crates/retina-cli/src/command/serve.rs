@@ -10,13 +10,13 @@ use retina_batch::LiveRenderer;
 use retina_corto::{Pose, Server, World};
 use retina_files::InputError;
 use retina_radiometry::AU_M;
-use retina_render::Quality;
 use retina_scene::{FrameChecks, RadianceScale, Scene, SceneFrame};
 use retina_sky::Trajectory;
 
-use super::corto::{CortoArguments, tell};
-use super::{Backend, QualityName};
+use super::Rendering;
+use super::corto::{CortoArguments, tell_notes};
 use crate::failure::Failure;
+use crate::output::{print_json_line, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -43,12 +43,8 @@ pub(crate) struct Arguments {
     /// End after so many images.
     #[arg(long, value_name = "N")]
     frames: Option<usize>,
-    /// What renders.
-    #[arg(long, value_enum, default_value_t)]
-    backend: Backend,
-    /// How finely a frame is sampled.
-    #[arg(long, value_enum)]
-    quality: Option<QualityName>,
+    #[command(flatten)]
+    rendering: Rendering,
     /// Print where poses and clients are awaited and what was done, as JSON documents, a line each.
     #[arg(long)]
     json: bool,
@@ -75,28 +71,28 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         scene.radiance_scale = RadianceScale::Value(scale);
     }
     let loaded_s = start.elapsed().as_secs_f64();
-    let quality = arguments.quality.map_or(scene.quality, Quality::from);
-    let (live, fallback) = LiveRenderer::open(&scene, arguments.backend.into(), quality)?;
+    let quality = arguments.rendering.quality().unwrap_or(scene.quality);
+    let (live, fallback) = LiveRenderer::open(&scene, arguments.rendering.backend.into(), quality)?;
     if let Some(reason) = fallback {
-        eprintln!("retina: rendering on the CPU: {reason}");
+        tell!("rendering on the CPU: {reason}");
     }
     let address = |found: std::io::Result<std::net::SocketAddr>| {
         found.map_err(|error| Failure::new(format!("a socket has no address: {error}")))
     };
     let (poses, images) = (address(server.pose_address())?, address(server.image_address())?);
     let name = live.name().clone();
-    eprintln!(
-        "retina: ready after {:.2} s ({loaded_s:.2} s of them for the files): poses by UDP on {poses}, images by TCP on {images}; \
+    tell!(
+        "ready after {:.2} s ({loaded_s:.2} s of them for the files): poses by UDP on {poses}, images by TCP on {images}; \
          {} ({})",
         start.elapsed().as_secs_f64(),
         name.adapter,
         name.driver
     );
     if arguments.json {
-        print_line(&serde_json::json!({
+        print_json_line(&serde_json::json!({
             "schema": "retina.serve/1", "poses": poses.to_string(), "images": images.to_string(),
             "seconds": start.elapsed().as_secs_f64(), "adapter": name.adapter, "driver": name.driver,
-        }));
+        }))?;
     }
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
@@ -105,27 +101,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let checks = FrameChecks::of(&scene);
     let mut loop_ = Loop { scene, world, live, checks, frames: 0, seconds: 0.0 };
     let mut render = |pose: &Pose| loop_.png(pose);
-    let ended = server.run(&mut render, arguments.frames, &stop, &|text| eprintln!("retina: {text}"));
+    let ended = server.run(&mut render, arguments.frames, &stop, &|text| tell!("{text}"));
     let each_s = if loop_.frames > 0 { loop_.seconds / loop_.frames as f64 } else { 0.0 };
-    eprintln!(
-        "retina: {} images sent, {} requests refused; {each_s:.3} s an image rendered",
-        ended.sent, ended.refused
-    );
+    tell!("{} images sent, {} requests refused; {each_s:.3} s an image rendered", ended.sent, ended.refused);
     if arguments.json {
-        print_line(&serde_json::json!({
+        print_json_line(&serde_json::json!({
             "schema": "retina.serve-summary/1", "images_sent": ended.sent, "requests_refused": ended.refused,
             "seconds_per_image": each_s,
-        }));
+        }))?;
     }
     Ok(())
-}
-
-/// A document on one line, at once.
-fn print_line(document: &serde_json::Value) {
-    use std::io::Write as _;
-    let mut out = std::io::stdout();
-    // A reader that has gone away is no failure.
-    let _ = writeln!(out, "{document}").and_then(|()| out.flush());
 }
 
 /// The scene without frames, and what turns poses into them.
@@ -134,7 +119,7 @@ fn scene(arguments: &Arguments) -> Result<(Scene, World), Failure> {
         let scenario = arguments.corto.scenario(folder)?;
         one_body(&scenario.scene_file, scenario.world.body_names.len())?;
         let (scene, notes) = scenario.scene(&arguments.corto.shown(), false)?;
-        tell(&notes);
+        tell_notes(&notes);
         return Ok((scene, scenario.world));
     }
     let Some(file) = &arguments.scene else {

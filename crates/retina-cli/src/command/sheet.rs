@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use retina_batch::contact_sheet;
 
 use crate::failure::Failure;
+use crate::output::tell;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -14,6 +15,6 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     let path = contact_sheet(&arguments.dir)?;
-    eprintln!("retina: {}", path.display());
+    tell!("{}", path.display());
     Ok(())
 }

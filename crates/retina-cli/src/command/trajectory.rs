@@ -9,6 +9,7 @@ use retina_sky::time::{format_epoch_tdb, parse_epoch};
 use serde_json::json;
 
 use crate::failure::Failure;
+use crate::output::{print_json, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -95,16 +96,16 @@ fn deep_space(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
         .map(|planet| (planet.name(), planets.iter().filter(|seen| *seen == planet).count()))
         .collect();
     let shares: Vec<String> = counts.iter().map(|(name, count)| format!("{count} {name}")).collect();
-    eprintln!("retina: {frames} poses, seed {}: {}", wanted.seed, shares.join(", "));
+    tell!("{frames} poses, seed {}: {}", wanted.seed, shares.join(", "));
     if arguments.json {
-        crate::print_json(&json!({
+        print_json(&json!({
             "schema": "retina.trajectory-summary/1",
             "out": arguments.out,
             "frames": frames,
             "seed": wanted.seed,
             "planets": counts.into_iter().map(|(name, count)| (name.to_string(), json!(count)))
                 .collect::<serde_json::Map<_, _>>(),
-        }));
+        }))?;
     }
     Ok(())
 }
@@ -126,9 +127,9 @@ fn lumio_halo(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
         halo.generate().map_err(|error| InputError::new("lumio-halo", error.to_string()))?;
     let text = format!("# retina.trajectory/1: lumio-halo, {summary}\n{}", trajectory.to_csv());
     write(&arguments.out, &text)?;
-    eprintln!("retina: {} frames from {}: {summary}", halo.frames, format_epoch_tdb(halo.epoch_tdb_s));
+    tell!("{} frames from {}: {summary}", halo.frames, format_epoch_tdb(halo.epoch_tdb_s));
     if arguments.json {
-        crate::print_json(&json!({
+        print_json(&json!({
             "schema": "retina.trajectory-summary/1",
             "out": arguments.out,
             "frames": halo.frames,
@@ -141,7 +142,7 @@ fn lumio_halo(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
             "distance_m": [summary.distance_min_m, summary.distance_max_m],
             "phase_deg": [summary.phase_min_rad.to_degrees(), summary.phase_max_rad.to_degrees()],
             "lit_fraction": summary.lit_fraction,
-        }));
+        }))?;
     }
     Ok(())
 }

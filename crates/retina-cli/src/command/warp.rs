@@ -7,6 +7,7 @@ use retina_geometry::{Calibration, Setup, WarpDirection};
 use serde_json::json;
 
 use crate::failure::Failure;
+use crate::output::{print_json, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -47,21 +48,16 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     };
     let report = warp_file(&arguments.image, &setup, &calibration, direction, &arguments.out)?;
     if report.outside_px > 0 {
-        eprintln!(
-            "retina: {} pixels read beyond the image's border, which is continued outwards",
-            report.outside_px
-        );
+        tell!("{} pixels read beyond the image's border, which is continued outwards", report.outside_px);
     }
     if report.clipped > 0 {
-        eprintln!("retina: warning: {} samples are beyond the file's range and were cut off", report.clipped);
+        tell!("warning: {} samples are beyond the file's range and were cut off", report.clipped);
     }
     for channel in &report.left_out {
-        eprintln!(
-            "retina: channel `{channel}` holds infinities or NaNs, cannot be interpolated and is left out"
-        );
+        tell!("channel `{channel}` holds infinities or NaNs, cannot be interpolated and is left out");
     }
     if arguments.json {
-        crate::print_json(&json!({
+        print_json(&json!({
             "schema": "retina.warp/1",
             "direction": name,
             "out": arguments.out,
@@ -71,7 +67,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
             "clipped": report.clipped,
             "outside_px": report.outside_px,
             "left_out": report.left_out,
-        }));
+        }))?;
     }
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{to_image, tracers};
+use super::{to_image, tracers, unless_stopped};
 use crate::OpticsError;
 use crate::launch::Launcher;
 use crate::system::OpticalSystem;
@@ -24,7 +24,7 @@ pub struct FanPoint {
 pub struct WavelengthFan {
     /// nm.
     pub wavelength_nm: f64,
-    /// Rays along the pupil's y axis; those that do not arrive are left out.
+    /// Rays along the pupil's y axis; those that an aperture stops are left out.
     pub y_fan: Vec<FanPoint>,
     /// Rays along the pupil's x axis.
     pub x_fan: Vec<FanPoint>,
@@ -49,7 +49,7 @@ pub struct RayFans {
 /// Ray fans with `2 half + 1` rays each.
 ///
 /// # Errors
-/// The chief ray of a field does not reach the image.
+/// The chief ray of a field does not reach the image; a ray misses a surface or is totally reflected.
 pub fn ray_fans(system: &OpticalSystem, half: usize, clipping: Clipping) -> Result<RayFans, OpticsError> {
     let launcher = Launcher::new(system)?;
     let open = tracers(system, Clipping::Off)?;
@@ -65,8 +65,8 @@ pub fn ray_fans(system: &OpticalSystem, half: usize, clipping: Clipping) -> Resu
                     let mut points = Vec::with_capacity(2 * half + 1);
                     for step in -steps..=steps {
                         let pupil = f64::from(step) / f64::from(steps.max(1));
-                        let ray = launcher.ray(field.at, [pupil * axis[0], pupil * axis[1]])?;
-                        if let Ok(hit) = tracer.trace_to_image(&ray) {
+                        let at = [pupil * axis[0], pupil * axis[1]];
+                        if let Some(hit) = unless_stopped(&launcher, tracer, field.at, at)? {
                             let (dx, dy) = (hit.local_mm.x - chief.x, hit.local_mm.y - chief.y);
                             points.push(FanPoint {
                                 pupil,

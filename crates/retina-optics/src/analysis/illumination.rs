@@ -4,10 +4,10 @@ use std::f64::consts::TAU;
 
 use serde::Serialize;
 
-use super::{largest_field, launch, to_image};
+use super::clear::clear_pupil;
+use super::{largest_field, to_image};
 use crate::OpticsError;
 use crate::launch::Launcher;
-use crate::pupil::gaussian;
 use crate::system::{Object, OpticalSystem};
 use crate::trace::{Clipping, Tracer};
 
@@ -39,20 +39,17 @@ pub struct Illumination {
 /// object), over the Jacobian of image position with respect to the field.
 ///
 /// # Errors
-/// A chief ray does not reach the image.
+/// A chief ray does not reach the image; a ray misses a surface or is totally reflected.
 pub fn relative_illumination(system: &OpticalSystem, count: usize) -> Result<Illumination, OpticsError> {
     let (largest, axis) = largest_field(system);
     let launcher = Launcher::new(system)?;
     let open = Tracer::new(system, system.primary_nm(), Clipping::Off)?;
     let clipped = Tracer::new(system, system.primary_nm(), Clipping::On)?;
-    let pupil = gaussian(32, 64, 0.0);
     let scale = if largest == 0.0 { 1e-4 } else { 1e-4 * largest };
     let at = |radius: f64| -> Result<(f64, f64), OpticsError> {
         let field = [radius * axis[0], radius * axis[1]];
-        let mut rays = launch(&launcher, field, &pupil)?;
-        clipped.trace_batch(&mut rays);
-        let transmitted: f64 =
-            pupil.iter().enumerate().filter(|(i, _)| rays.arrived(*i)).map(|(_, point)| point.weight).sum();
+        let pupil = clear_pupil(&launcher, &clipped, field, [16, 64], Clipping::On)?;
+        let transmitted: f64 = pupil.points.iter().map(|point| point.weight).sum();
         let rim = (0..256)
             .map(|i| {
                 let angle = TAU * f64::from(i) / 256.0;

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::launch;
+use super::{launch, refuse_strays};
 use crate::OpticsError;
 use crate::glass::Medium;
 use crate::launch::Launcher;
@@ -66,7 +66,8 @@ pub struct ToleranceReport {
     pub worst_rms_um: Percentiles,
     /// Length of the boresight shift, mm.
     pub boresight_mm: Percentiles,
-    /// Trials in which a field's beam did not arrive at all; left out of the percentiles.
+    /// Trials in which a field's beam did not arrive at all, or one of its rays missed a surface or was
+    /// totally reflected; left out of the percentiles.
     pub failed: usize,
     /// All others, in the order drawn.
     pub trials: Vec<ToleranceTrial>,
@@ -231,7 +232,8 @@ impl Bundle {
     }
 }
 
-/// Spots of all fields, and the first one's centroid; `None` if a field does not arrive.
+/// Spots of all fields, and the first one's centroid; `None` if a field does not arrive, or a ray of it
+/// fails otherwise than at an aperture.
 fn evaluate(
     system: &OpticalSystem,
     indices: &[Vec<f64>],
@@ -243,11 +245,12 @@ fn evaluate(
     let tracers: Vec<Tracer> =
         indices.iter().map(|set| Tracer::with_indices(system, set, clipping)).collect();
     let mut bundles = Vec::with_capacity(launched.len());
-    for start in launched {
+    for (start, field) in launched.iter().zip(&system.fields) {
         let mut bundle = Bundle::default();
         for (tracer, wavelength) in tracers.iter().zip(&system.wavelengths) {
             let mut rays = start.clone();
             tracer.trace_batch(&mut rays);
+            refuse_strays(&rays, field.at).ok()?;
             for (i, point) in points.iter().enumerate().filter(|(i, _)| rays.arrived(*i)) {
                 bundle.add(point.weight * wavelength.weight, &rays, i);
             }

@@ -3,11 +3,11 @@
 use glam::DVec3;
 use serde::Serialize;
 
-use super::to_image;
+use super::clear::clear_pupil;
+use super::{to_image, unless_stopped};
 use crate::OpticsError;
 use crate::launch::Launcher;
 use crate::paraxial::Paraxial;
-use crate::pupil::gaussian;
 use crate::system::OpticalSystem;
 use crate::trace::{Clipping, Crossing, Tracer};
 
@@ -20,7 +20,7 @@ pub struct WavefrontPoint {
     /// On the unit disc.
     pub pupil: [f64; 2],
     /// Optical path of the chief ray less that of this ray, up to the reference sphere, waves; `None`
-    /// where the ray does not arrive.
+    /// where an aperture stops the ray.
     pub opd_waves: Option<f64>,
 }
 
@@ -86,7 +86,7 @@ impl Reference {
 /// about the chief ray's image point.
 ///
 /// # Errors
-/// The chief ray, or all rays, do not reach the image.
+/// The chief ray, or all rays, do not reach the image; a ray misses a surface or is totally reflected.
 pub fn wavefront(
     system: &OpticalSystem,
     field: [f64; 2],
@@ -101,10 +101,10 @@ pub fn wavefront(
     let reference = Reference::new(system, &Paraxial::new(system, wavelength_nm)?, &chief);
     let waves = 1e6 / wavelength_nm;
     let opd = |pupil: [f64; 2]| -> Result<Option<f64>, OpticsError> {
-        Ok(tracer.trace_to_image(&launcher.ray(field, pupil)?).ok().map(|hit| reference.opd_mm(&hit) * waves))
+        Ok(unless_stopped(&launcher, &tracer, field, pupil)?.map(|hit| reference.opd_mm(&hit) * waves))
     };
     let (mut weight, mut sum, mut square) = (0.0, 0.0, 0.0);
-    for point in gaussian(12, 24, 0.0) {
+    for point in clear_pupil(&launcher, &tracer, field, [12, 24], clipping)?.points {
         if let Some(value) = opd(point.at)? {
             weight += point.weight;
             sum += point.weight * value;

@@ -107,6 +107,8 @@ pub struct BenchDesign {
     pub pupil_collimator_mm: f64,
     /// n_v of eq. 13: rows of the screen that the camera's height sees; may exceed the screen's rows.
     pub observed_rows_px: f64,
+    /// Rows of these that the screen does not have: dark at the camera's upper and lower edge.
+    pub rows_beyond_screen_px: f64,
     /// What is left to each limit; negative where it is exceeded.
     pub margins: Margins,
 }
@@ -167,13 +169,17 @@ pub fn bench_design(
     // The beams that may be cut are those of the sensor's corner, whatever is matched.
     let layout = model.layout(magnification, tans[2]);
     let observed_mm = 2.0 * lenses.collimator_focal_mm * tans[1] / magnification.abs();
+    let observed_rows_px = observed_mm / screen.height_mm * f64::from(screen.height_px);
+    let beyond_px = observed_rows_px - f64::from(screen.height_px);
     BenchDesign {
         match_by,
         layout,
         field_deg: tans.map(|tan| 2.0 * tan.atan().to_degrees()),
         pupil_mm: model.pupil_mm,
         pupil_collimator_mm: lenses.pupil_collimator_mm,
-        observed_rows_px: observed_mm / screen.height_mm * f64::from(screen.height_px),
+        observed_rows_px,
+        // Rounding of matched heights is not a row.
+        rows_beyond_screen_px: if beyond_px > 1e-6 { beyond_px } else { 0.0 },
         margins: Margins {
             total_length_mm: bench.total_length_mm - layout.total_length_mm,
             screen_relay_distance_mm: layout.screen_relay_mm - bench.screen_relay_mm,
@@ -228,8 +234,11 @@ mod tests {
         assert!((layout.relay_image_mm / layout.screen_relay_mm + layout.magnification).abs() < 1e-12);
         assert!((layout.inter_lens_mm - layout.relay_image_mm - 86.8).abs() < 1e-12);
         // By the width, the camera sees more rows than there are: 18.7 / (4/3) mm of 11.75.
-        let rows = paper(25.0, MatchBy::Width).observed_rows_px;
+        let by_width = paper(25.0, MatchBy::Width);
+        let rows = by_width.observed_rows_px;
         assert!((rows - 18.7 * 0.75 / 11.75 * 1200.0).abs() < 1e-9, "{rows}");
+        assert!((by_width.rows_beyond_screen_px - (rows - 1200.0)).abs() < 1e-9, "{by_width:?}");
+        assert!(design.rows_beyond_screen_px == 0.0);
     }
 
     /// Corner beam at the collimator: s_cam t + d / 2 = 112.84 * 0.17664 + 4.4643 mm.

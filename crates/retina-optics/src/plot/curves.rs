@@ -1,9 +1,9 @@
 //! Curves: fans, field curves, illumination, transfer, energy, temperature.
 
-use retina_plot::{Axis, Colour, Figure, PALETTE, Panel, Style, wavelength_colour};
+use retina_plot::{Anchor, Axis, Colour, Figure, PALETTE, Panel, Style, wavelength_colour};
 
 use super::{field_axis, field_label};
-use crate::analysis::{EncircledEnergy, FieldCurves, Illumination, Mtf, RayFans, ThermalPoint};
+use crate::analysis::{EncircledEnergy, FieldCurves, Ghost, Illumination, Mtf, RayFans, ThermalPoint};
 use crate::system::OpticalSystem;
 
 const SIZE: [f64; 2] = [380.0, 280.0];
@@ -113,7 +113,7 @@ pub fn mtf_figure(system: &OpticalSystem, curves: &[Mtf]) -> Figure {
 pub fn encircled_energy_figure(system: &OpticalSystem, curves: &[EncircledEnergy]) -> Figure {
     let mut panel = Panel::new(
         Axis::linear("radius about the centroid (um)"),
-        Axis::linear("share of the energy").range(0.0, 1.0),
+        Axis::linear("share of the light in the pupil").range(0.0, 1.0),
     );
     for (i, curve) in curves.iter().enumerate() {
         let line: Vec<[f64; 2]> =
@@ -121,6 +121,30 @@ pub fn encircled_energy_figure(system: &OpticalSystem, curves: &[EncircledEnergy
         panel.line(&field_label(system.object, curve.field), &line, Style::line(PALETTE[i % PALETTE.len()]));
     }
     let mut figure = Figure::new(format!("{}: encircled energy", system.name), 1, 1, [460.0, 320.0]);
+    figure.put(0, 0, panel);
+    figure
+}
+
+/// Ghosts: how large each is on the image, and how dense; the surfaces of the densest beside them.
+pub fn ghosts_figure(system: &OpticalSystem, ghosts: &[Ghost]) -> Figure {
+    const NAMED: usize = 12;
+    let mut panel = Panel::new(
+        Axis::log("RMS radius on the image (mm)"),
+        Axis::log("irradiance for a beam of unit power (1/mm2)"),
+    );
+    // Ghosts of which no ray arrives, or that meet in a point, have no place on these axes.
+    let shown: Vec<([f64; 2], &Ghost)> = ghosts
+        .iter()
+        .filter_map(|ghost| Some(([ghost.rms_radius_mm?, ghost.irradiance_per_mm2?], ghost)))
+        .filter(|(at, _)| at.iter().all(|&value| value > 0.0))
+        .collect();
+    let points: Vec<[f64; 2]> = shown.iter().map(|(at, _)| *at).collect();
+    panel.dots("", &points, Style::line(PALETTE[0]).width(2.4));
+    for (at, ghost) in shown.iter().take(NAMED) {
+        panel.text(*at, [5.0, -3.0], format!("{}-{}", ghost.first, ghost.second), 8.0, Anchor::Start);
+    }
+    let title = format!("{}: {} ghosts, {} shown", system.name, ghosts.len(), shown.len());
+    let mut figure = Figure::new(title, 1, 1, [560.0, 380.0]);
     figure.put(0, 0, panel);
     figure
 }

@@ -75,7 +75,11 @@ pub fn psf_figure(system: &OpticalSystem, psfs: &[Psf]) -> Figure {
     for (column, psf) in psfs.iter().enumerate() {
         let peak = psf.peak();
         let waves = psf.wavelength_nm.map_or("polychromatic".to_owned(), |nm| format!("{nm:.0} nm"));
-        let title = format!("{}, {waves}, peak {peak:.3}", field_label(system.object, psf.field));
+        let held = 100.0 * psf.energy_on_grid;
+        let title = format!(
+            "{}, {waves}, peak {peak:.3}, {held:.1} % of the light",
+            field_label(system.object, psf.field)
+        );
         let axis = |k: usize, label: &str| {
             let first = psf.at_um(0, 0)[k] - psf.pitch_um[k] / 2.0;
             Axis::linear(label).range(first, first + psf.side as f64 * psf.pitch_um[k])
@@ -145,7 +149,13 @@ pub fn tolerance_figure(system: &OpticalSystem, report: &ToleranceReport) -> Fig
     };
     let worst = |rms: &[f64]| rms.iter().copied().fold(0.0, f64::max);
     let mut figure = Figure::new(
-        format!("{}: tolerances, {} trials, seed {}", system.name, report.trials.len(), report.seed),
+        format!(
+            "{}: tolerances, {} trials ({} failed), seed {}",
+            system.name,
+            report.trials.len() + report.failed,
+            report.failed,
+            report.seed
+        ),
         1,
         2,
         [400.0, 300.0],

@@ -5,8 +5,8 @@ mod layout;
 mod maps;
 
 pub use curves::{
-    encircled_energy_figure, fans_figure, field_curves_figure, illumination_figure, mtf_figure,
-    thermal_figure,
+    encircled_energy_figure, fans_figure, field_curves_figure, ghosts_figure, illumination_figure,
+    mtf_figure, thermal_figure,
 };
 pub use layout::layout_figure;
 pub use maps::{SpotRow, psf_figure, spots_figure, tolerance_figure, wavefront_figure};

@@ -5,6 +5,7 @@ use std::path::Path;
 use retina_files::InputError;
 use serde::{Deserialize, Serialize};
 
+use super::limits::{Excess, Limit};
 use super::request::{Configuration, SearchRequest};
 use crate::constraints::{Layout, PaperModel};
 use crate::system::Wavelength;
@@ -221,15 +222,15 @@ impl Library {
         group.gaps().iter().enumerate().all(fits).then_some(group)
     }
 
-    /// Distances of a configuration for groups with these figures; `None` where the bench forbids it. The
-    /// least distances hold between principal planes, as in the paper, and between glass, since a long
-    /// group's planes lie far inside it.
-    pub(crate) fn placement(
+    /// Distances of a configuration for groups with these figures, and what of the bench's limits they
+    /// exceed. The least distances hold between principal planes, as in the paper, and between glass, since
+    /// a long group's planes lie far inside it.
+    pub(crate) fn distances(
         &self,
         figures: &[GroupFigures; 2],
         request: &SearchRequest,
         configuration: &Configuration,
-    ) -> Option<Placement> {
+    ) -> (Placement, Vec<Excess>) {
         let layout = layout(request, configuration);
         let bench = &request.bench;
         let [collimator, relay] = figures;
@@ -239,13 +240,29 @@ impl Library {
                 - relay.front_principal_mm,
             relay_to_screen_mm: layout.screen_relay_mm + relay.rear_principal_mm,
         };
-        let stands = layout.total_length_mm <= bench.total_length_mm
-            && layout.screen_relay_mm >= bench.screen_relay_mm
-            && layout.inter_lens_mm >= bench.inter_lens_mm
-            && placement.pupil_to_first_vertex_mm > 0.0
-            && placement.collimator_to_relay_mm >= bench.inter_lens_mm
-            && placement.relay_to_screen_mm >= request.min_screen_gap_mm;
-        stands.then_some(placement)
+        let lacking_mm = [
+            (Limit::TotalLength, layout.total_length_mm - bench.total_length_mm),
+            (Limit::ScreenRelayDistance, bench.screen_relay_mm - layout.screen_relay_mm),
+            (
+                Limit::InterLensDistance,
+                bench.inter_lens_mm - layout.inter_lens_mm.min(placement.collimator_to_relay_mm),
+            ),
+            (Limit::PupilDistance, -placement.pupil_to_first_vertex_mm),
+            (Limit::ScreenGap, request.min_screen_gap_mm - placement.relay_to_screen_mm),
+        ];
+        let excesses = lacking_mm.into_iter().filter(|(_, by)| *by > 0.0);
+        (placement, excesses.map(|(limit, by)| Excess { limit, by }).collect())
+    }
+
+    /// As [`Library::distances`], where no limit is exceeded; else the first that is.
+    pub(crate) fn placement(
+        &self,
+        figures: &[GroupFigures; 2],
+        request: &SearchRequest,
+        configuration: &Configuration,
+    ) -> Result<Placement, Limit> {
+        let (placement, excesses) = self.distances(figures, request, configuration);
+        excesses.first().map_or(Ok(placement), |excess| Err(excess.limit))
     }
 
     /// The traced system, its image `defocus_mm` behind the paraxial screen.

@@ -1,10 +1,12 @@
 //! Every group that has its focal length, and every pair of groups ranked by third-order spots.
 
 use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
 use super::candidate::{Group, GroupFigures, Library, MOST_LENSES, layout};
+use super::limits::{Limit, Removed};
 use super::request::SearchRequest;
 use super::third_order::{Ranking, Sums, group_sums};
 
@@ -27,16 +29,25 @@ struct Ranked {
     sums: Vec<Sums>,
 }
 
-/// Collimator and relay of the pairs with the least third-order spots, best first, and the number of
-/// groups of either kind.
-pub(crate) fn ranked_pairs(library: &Library, request: &SearchRequest) -> (Vec<[Group; 2]>, [usize; 2]) {
+/// What the ranking of all pairs gives.
+pub(crate) struct RankedPairs {
+    /// Collimator and relay of the pairs with the least third-order spots, best first.
+    pub(crate) pairs: Vec<[Group; 2]>,
+    /// Collimators and relays that have their focal lengths and their room.
+    pub(crate) counts: [usize; 2],
+    /// Collimators and relays that limits ruled out.
+    pub(crate) removed: [Vec<Removed>; 2],
+}
+
+/// Ranks all pairs of groups.
+pub(crate) fn ranked_pairs(library: &Library, request: &SearchRequest) -> RankedPairs {
     let rankings: Vec<Ranking> =
         request.configurations.iter().map(|configuration| Ranking::new(request, configuration)).collect();
     let kinds = [
         (request.collimator_lenses, request.collimator_focal_mm),
         (request.relay_lenses, request.relay_focal_mm),
     ];
-    let [mut collimators, mut relays] = [0, 1].map(|kind| {
+    let [(mut collimators, without_collimators), (mut relays, without_relays)] = [0, 1].map(|kind| {
         let (count, focal_mm) = kinds[kind];
         groups(library, request, count, focal_mm, kind, &rankings)
     });
@@ -78,7 +89,7 @@ pub(crate) fn ranked_pairs(library: &Library, request: &SearchRequest) -> (Vec<[
         .filter(|pair| seen.insert(lenses_of(pair)))
         .take(request.exact_candidates)
         .collect();
-    (pairs, counts)
+    RankedPairs { pairs, counts, removed: [without_collimators, without_relays] }
 }
 
 /// The lenses of a candidate in order, as a key.
@@ -116,10 +127,16 @@ fn groups(
     focal_mm: f64,
     kind: usize,
     rankings: &[Ranking],
-) -> Vec<Ranked> {
+) -> (Vec<Ranked>, Vec<Removed>) {
     let lenses = library.oriented.len();
     let samples: &[f64] = if count > 2 { &GAP_SAMPLES_MM } else { &GAP_SAMPLES_MM[..1] };
-    (0..lenses.pow(count as u32))
+    // Sums of whole numbers: the order in which threads add to them does not matter.
+    let without = [Limit::FocalLength, Limit::Room, Limit::LensRims].map(|limit| (limit, AtomicU64::new(0)));
+    let refuse = |place: usize| {
+        without[place].1.fetch_add(1, Ordering::Relaxed);
+        None
+    };
+    let ranked = (0..lenses.pow(count as u32))
         .into_par_iter()
         .flat_map_iter(|number| {
             let mut elements = [0; MOST_LENSES];
@@ -128,24 +145,32 @@ fn groups(
                 *element = (rest % lenses) as u16;
                 rest /= lenses;
             }
+            let refuse = &refuse;
             samples.iter().filter_map(move |gap| {
                 let gaps_mm = [request.min_gap_mm + gap; MOST_LENSES - 1];
-                let group = library.solve(Group { elements, count, gaps_mm }, focal_mm, request)?;
+                let Some(group) = library.solve(Group { elements, count, gaps_mm }, focal_mm, request) else {
+                    return refuse(0);
+                };
                 let figures = library.figures(&group);
                 if !stands(&figures, kind, request) {
-                    return None;
+                    return refuse(1);
                 }
                 let mut sums = Vec::with_capacity(rankings.len());
                 for ranking in rankings {
                     let entry = &ranking.entries[kind];
                     let (share, filling) = group_sums(library, &group, figures.front_principal_mm, entry);
                     if filling > MOST_FILLING * request.clear_fraction {
-                        return None;
+                        return refuse(2);
                     }
                     sums.push(share);
                 }
                 Some(Ranked { group, sums })
             })
         })
-        .collect()
+        .collect();
+    let mut removed = Vec::new();
+    for (limit, candidates) in without {
+        super::limits::count(&mut removed, limit, candidates.into_inner());
+    }
+    (ranked, removed)
 }

@@ -171,9 +171,9 @@ pub fn evaluate(
     let mut results = Vec::new();
     let mut systems = Vec::new();
     for configuration in &request.configurations {
-        let placement = library.placement(&figures, request, configuration).ok_or_else(|| {
-            OpticsError::Undefined(format!("{}: the bench's limits forbid its distances", configuration.name))
-        })?;
+        let placement = library
+            .placement(&figures, request, configuration)
+            .map_err(|limit| OpticsError::Undefined(format!("{}: {}", configuration.name, limit.words())))?;
         let (result, system) = fine(&library, &groups, &placement, request, configuration, focus)?;
         results.push(result);
         systems.push(system);

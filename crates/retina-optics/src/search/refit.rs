@@ -2,6 +2,7 @@
 
 use super::candidate::{Group, Library};
 use super::exact::{best_common_focus, half_pupil, indices, trace_fields};
+use super::limits::Limit;
 use super::request::SearchRequest;
 use crate::pupil::PupilPoint;
 
@@ -32,37 +33,39 @@ impl<'a> Refitter<'a> {
         Self { library, request, points: half_pupil(3, 8) }
     }
 
-    /// The candidate with its last gaps solved for the focal lengths, if it can be built and its rays arrive.
-    pub(crate) fn assess(&self, groups: [Group; 2]) -> Option<Candidate> {
+    /// The candidate with its last gaps solved for the focal lengths, or what forbids it.
+    pub(crate) fn assess(&self, groups: [Group; 2]) -> Result<Candidate, Limit> {
         let (library, request) = (self.library, self.request);
-        let groups = [
-            library.solve(groups[0], request.collimator_focal_mm, request)?,
-            library.solve(groups[1], request.relay_focal_mm, request)?,
-        ];
+        let solve = |group, focal_mm| library.solve(group, focal_mm, request).ok_or(Limit::FocalLength);
+        let groups =
+            [solve(groups[0], request.collimator_focal_mm)?, solve(groups[1], request.relay_focal_mm)?];
         let figures = groups.map(|group| library.figures(&group));
         let indices = indices(library, &groups);
         let mut merit_um: f64 = 0.0;
         for configuration in &request.configurations {
             let placement = library.placement(&figures, request, configuration)?;
-            let system = library.system(&groups, &placement, 0.0, request, configuration).ok()?;
-            let (fields, vignetted) = trace_fields(&system, &indices, &self.points).ok()??;
+            // Only distances and rays can fail here: the parts and their glasses were checked.
+            let traced = library
+                .system(&groups, &placement, 0.0, request, configuration)
+                .and_then(|system| trace_fields(&system, &indices, &self.points));
+            let (fields, vignetted) = traced.ok().flatten().ok_or(Limit::RaysFail)?;
             let (_, square) = best_common_focus(&fields);
             let scale =
                 configuration.camera_focal_mm / configuration.facility_focal_mm(request.collimator_focal_mm);
             let excess = (vignetted - request.max_vignetted).max(0.0);
             merit_um = merit_um.max(square.max(0.0).sqrt() * scale * 1e3 + VIGNETTING_COST_UM * excess);
         }
-        Some(Candidate { groups, merit_um })
+        Ok(Candidate { groups, merit_um })
     }
 
     /// The free gaps (all but the last of each group) moved to where the merit is least, by the
     /// simplex method of J. A. Nelder and R. Mead, Computer J. 7, 308 (1965).
-    pub(crate) fn refit(&self, groups: [Group; 2]) -> Option<Candidate> {
+    pub(crate) fn refit(&self, groups: [Group; 2]) -> Result<Candidate, Limit> {
         let start = self.assess(groups)?;
         let free: Vec<(usize, usize)> =
             (0..2).flat_map(|g| (0..groups[g].count.saturating_sub(2)).map(move |gap| (g, gap))).collect();
         if free.is_empty() {
-            return Some(start);
+            return Ok(start);
         }
         let mut best = start;
         let mut merit = |gaps: &[f64]| {
@@ -70,7 +73,7 @@ impl<'a> Refitter<'a> {
             for (&(group, gap), &value) in free.iter().zip(gaps) {
                 moved[group].gaps_mm[gap] = value;
             }
-            let Some(candidate) = self.assess(moved) else { return f64::INFINITY };
+            let Ok(candidate) = self.assess(moved) else { return f64::INFINITY };
             if candidate.merit_um < best.merit_um {
                 best = candidate;
             }
@@ -78,7 +81,7 @@ impl<'a> Refitter<'a> {
         };
         let at: Vec<f64> = free.iter().map(|&(group, gap)| groups[group].gaps_mm[gap]).collect();
         nelder_mead(at, start.merit_um, &mut merit);
-        Some(best)
+        Ok(best)
     }
 }
 

@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 use crate::constraints::BenchLimits;
 use crate::design::{Camera, Screen};
 
+/// Longest length of a request, mm: ten metres.
+const LONGEST_MM: f64 = 1e4;
+
 /// Most fields of a configuration.
 pub(crate) const MOST_FIELDS: usize = 8;
 
@@ -151,8 +154,8 @@ impl SearchRequest {
             ("least gap to the screen", self.min_screen_gap_mm),
         ];
         for (at, value) in positive {
-            if !(value.is_finite() && value > 0.0) {
-                return error(at, value, "a positive length in mm");
+            if !(value > 0.0 && value <= LONGEST_MM) {
+                return error(at, value, "a length above 0, at most 10 000 mm");
             }
         }
         for (at, count) in

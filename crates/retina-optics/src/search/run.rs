@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use retina_files::InputError;
 
 use super::candidate::{Group, Library};
-use super::enumerate::{lenses_of, ranked_pairs};
+use super::enumerate::{RankedPairs, lenses_of, ranked_pairs};
+use super::limits::{Limit, count};
 use super::refit::{Candidate, Refitter};
 use super::report::SearchReport;
 use super::request::SearchRequest;
@@ -80,8 +81,8 @@ pub fn search(
     request.check(source)?;
     let failed = |error: crate::OpticsError| InputError::new(source, error.to_string());
     let library = Library::new(request, source)?;
-    let known = state_file.map(|path| State::read(path, request)).transpose()?.flatten();
-    let state = known.map_or_else(|| State::new(request).map_err(failed), Ok)?;
+    let known = state_file.map(|path| State::read(path, request, &library)).transpose()?.flatten();
+    let state = known.map_or_else(|| State::new(request, &library).map_err(failed), Ok)?;
     let mut search = Search {
         refitter: Refitter::new(&library, request),
         state,
@@ -90,8 +91,10 @@ pub fn search(
         best: Vec::new(),
     };
     search.restore(source)?;
+    // Written before the ranking, which may take half a minute: a state that cannot be written is told now.
+    search.save()?;
     observer.progress(search.progress(Phase::Rank, 0, 1));
-    let (pairs, counts) = ranked_pairs(&library, request);
+    let RankedPairs { pairs, counts, removed: without } = ranked_pairs(&library, request);
     observer.note(&format!(
         "{} lenses; {} collimators and {} relays have their focal lengths; {} pairs are traced",
         library.oriented.len() / 2,
@@ -100,14 +103,27 @@ pub fn search(
         pairs.len()
     ));
     if pairs.is_empty() {
+        let causes = |kind: usize| {
+            let causes = without[kind].iter().filter(|entry| entry.candidates > 0);
+            let causes = causes.map(|entry| format!("{}: {}", entry.limit.words(), entry.candidates));
+            causes.collect::<Vec<_>>().join("; ")
+        };
         return Err(InputError::new(source, "no pair of groups reaches the focal lengths")
-            .found(format!("{} collimators, {} relays", counts[0], counts[1]))
-            .help("allow larger gaps, more lenses or other parts"));
+            .found(format!("{} collimators ({}), {} relays ({})", counts[0], causes(0), counts[1], causes(1)))
+            .help("allow larger gaps, more lenses, other parts, or move the pupil (s_cam)"));
     }
+    // What had been tried when a state was written is tried: a lens set refitted from another start could
+    // end in other gaps.
+    search.tried.extend(pairs[..search.state.refitted.min(pairs.len())].iter().map(lenses_of));
+    search.tried.extend(search.state.tried.iter().cloned());
     search.refit_all(&pairs, observer)?;
     search.swap_leaders(observer)?;
     search.kick_leaders(observer)?;
-    SearchReport::new(&library, request, &search.best).map_err(failed)
+    let mut removed = without[0].clone();
+    for entry in without[1].iter().chain(&search.state.removed) {
+        count(&mut removed, entry.limit, entry.candidates);
+    }
+    SearchReport::new(&library, request, &search.best, &pairs, removed).map_err(failed)
 }
 
 impl Search<'_> {
@@ -141,17 +157,31 @@ impl Search<'_> {
         Ok(())
     }
 
-    fn refit_many(&mut self, starts: &[[Group; 2]]) {
+    /// Refits the lens sets that are new; returns them.
+    fn refit_many(&mut self, starts: &[[Group; 2]]) -> Vec<[Group; 2]> {
         let fresh: Vec<[Group; 2]> =
             starts.iter().filter(|groups| self.tried.insert(lenses_of(groups))).copied().collect();
         let refitter = &self.refitter;
-        let found: Vec<Option<Candidate>> = fresh.par_iter().map(|groups| refitter.refit(*groups)).collect();
-        self.best.extend(found.into_iter().flatten());
+        let found: Vec<Result<Candidate, Limit>> =
+            fresh.par_iter().map(|groups| refitter.refit(*groups)).collect();
+        for candidate in found {
+            match candidate {
+                Ok(candidate) => self.best.push(candidate),
+                Err(limit) => count(&mut self.state.removed, limit, 1),
+            }
+        }
         self.best.sort_by(|a, b| {
             a.merit_um.total_cmp(&b.merit_um).then_with(|| lenses_of(&a.groups).cmp(&lenses_of(&b.groups)))
         });
         self.best.dedup_by(|a, b| lenses_of(&a.groups) == lenses_of(&b.groups));
         self.best.truncate(REMEMBERED);
+        fresh
+    }
+
+    /// As [`Search::refit_many`], for sets that do not follow from the ranking: the state remembers them.
+    fn refit_swaps(&mut self, starts: &[[Group; 2]]) {
+        let fresh = self.refit_many(starts);
+        self.state.tried.extend(fresh.iter().map(lenses_of));
     }
 
     fn save(&mut self) -> Result<(), InputError> {
@@ -188,7 +218,7 @@ impl Search<'_> {
         while self.state.swapped < leaders {
             let Some(leader) = self.best.get(self.state.swapped).copied() else { break };
             let before = self.leaders_key(self.state.swapped + 1);
-            self.refit_many(&self.neighbours(&leader.groups));
+            self.refit_swaps(&self.neighbours(&leader.groups));
             // A better design among the leaders so far: its neighbours come first.
             self.state.swapped = match self.leaders_key(self.state.swapped + 1) == before {
                 true => self.state.swapped + 1,
@@ -239,7 +269,7 @@ impl Search<'_> {
                 })
                 .collect();
             let before = self.leaders_key(request.leaders);
-            self.refit_many(&starts);
+            self.refit_swaps(&starts);
             self.state.kicks += 1;
             if self.leaders_key(request.leaders) != before {
                 self.state.swapped = 0;

@@ -1,9 +1,11 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::candidate::Library;
 use super::exact::{Quadratic, best_common_focus};
 use super::third_order::{Ranking, group_sums};
 use super::*;
+use crate::analysis::{SpotOptions, spots};
+use crate::{Clipping, parse_prescription};
 
 /// A design of the project's reference set, which two other programs traced: lenses from the camera on,
 /// gaps (mm), s_cam / f_c, and for the wide and the narrow camera pupil to first vertex, collimator to
@@ -187,22 +189,95 @@ fn a_small_search_finds_the_reference() {
     assert!(front.windows(2).all(|w| report.designs[w[0]].length_mm > report.designs[w[1]].length_mm));
 }
 
+/// Keeps every state that is written, as a kill at that moment would leave it.
+struct Keeper {
+    file: PathBuf,
+    states: Vec<Vec<u8>>,
+}
+
+impl SearchObserver for Keeper {
+    fn progress(&mut self, _: SearchProgress) {
+        let state = std::fs::read(&self.file).unwrap();
+        if self.states.last() != Some(&state) {
+            self.states.push(state);
+        }
+    }
+    fn note(&mut self, _: &str) {}
+}
+
+/// From every state that a killed search could leave, the first before anything was ranked, the resumed
+/// search gives the same bytes.
 #[test]
-fn a_search_resumes_to_the_same_result_and_refuses_anothers_state() {
+fn a_killed_search_resumes_to_the_same_bytes_and_refuses_anothers_state() {
     let folder = std::env::temp_dir().join(format!("retina-search-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let file = folder.join("state.json");
     let mut request = small();
-    request.exact_candidates = 100;
-    let whole = search(&request, Path::new("test"), Some(&file), &mut Notes::default()).unwrap();
+    // Few enough that swaps find new lens sets, more than one chunk of refits, and kicks.
+    request.exact_candidates = 600;
+    request.leaders = 3;
+    let mut keeper = Keeper { file: file.clone(), states: Vec::new() };
+    let text = |report: &SearchReport| serde_json::to_string(report).unwrap();
+    let whole = text(&search(&request, Path::new("test"), Some(&file), &mut keeper).unwrap());
+    assert_eq!(whole, text(&search(&request, Path::new("test"), None, &mut Notes::default()).unwrap()));
+    assert!(keeper.states.len() > 6, "{}", keeper.states.len());
+    for (i, state) in keeper.states.iter().enumerate() {
+        std::fs::write(&file, state).unwrap();
+        let again = search(&request, Path::new("test"), Some(&file), &mut Notes::default()).unwrap();
+        assert_eq!(text(&again), whole, "from state {i}");
+    }
     let mut notes = Notes::default();
-    let again = search(&request, Path::new("test"), Some(&file), &mut notes).unwrap();
-    assert_eq!(whole, again);
+    search(&request, Path::new("test"), Some(&file), &mut notes).unwrap();
     assert!(notes.0.iter().all(|progress| progress.phase == Phase::Rank), "all was done: {:?}", notes.0);
     request.seed += 1;
     let error = search(&request, Path::new("test"), Some(&file), &mut notes).unwrap_err();
     assert!(error.to_string().contains("belongs to another search"), "{error}");
     std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// A written prescription is the system that was searched: the same spots by the ray trace of a file.
+#[test]
+fn a_design_is_read_back_from_its_prescriptions() {
+    let mut request = small();
+    request.exact_candidates = 50;
+    request.configurations[0].name = "wide \"a\"\n".into();
+    let report = search(&request, Path::new("test"), None, &mut Notes::default()).unwrap();
+    let design = &report.designs[0];
+    let files = design.prescriptions(&request);
+    assert_eq!(files.len(), 2);
+    for ((result, asked), (name, text)) in
+        design.configurations.iter().zip(&request.configurations).zip(&files)
+    {
+        assert_eq!(name, &asked.name);
+        let system = parse_prescription(Path::new("out.toml"), text).unwrap();
+        let options = SpotOptions { rings: 12, arms: 24, clipping: Clipping::Off };
+        let spots = spots(&system, &options).unwrap();
+        let scale = asked.camera_focal_mm / asked.facility_focal_mm(request.collimator_focal_mm);
+        for (field, spot) in result.fields.iter().zip(&spots.fields) {
+            assert!((spot.rms_um * scale - field.rms_um).abs() < 1e-9, "{field:?} {spot:?}");
+        }
+    }
+}
+
+/// The bench decides the length whatever the lenses are: eqs. 4-6 give s_oc = s_or + s_ri + f_c, with
+/// f_r (1 + |M|) + f_r (1 + 1 / |M|) + f_c: 427.0 mm for the wide and 429.2 mm for the narrow camera.
+#[test]
+fn where_nothing_fits_the_limit_is_named_and_the_nearest_miss_is_shown() {
+    let mut request = small();
+    request.exact_candidates = 20;
+    request.bench.total_length_mm = 300.0;
+    let report = search(&request, Path::new("test"), None, &mut Notes::default()).unwrap();
+    assert!(report.designs.is_empty());
+    let by_limit = |limit| report.removed.iter().find(|entry| entry.limit == limit).map(|e| e.candidates);
+    assert_eq!((by_limit(Limit::TotalLength), by_limit(Limit::Vignetting)), (Some(20), None));
+    let miss = report.nearest_miss.unwrap();
+    let f_r = request.relay_focal_mm;
+    let length = |m: f64| f_r * (1.0 + m) + f_r * (1.0 + 1.0 / m) + request.collimator_focal_mm;
+    let longest = request.configurations.iter().map(|c| length(c.magnification.abs())).fold(0.0, f64::max);
+    assert_eq!(miss.exceeds.len(), 1);
+    assert!(miss.exceeds[0].limit == Limit::TotalLength);
+    assert!((miss.exceeds[0].by - (longest - 300.0)).abs() < 1e-9, "{:?} {longest}", miss.exceeds);
+    assert!(miss.design.worst_rms_um < 60.0, "{:?}", miss.design);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use crate::system::{OpticalSystem, Pose, Shape};
 /// Whether clear apertures stop rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Clipping {
-    /// They do: radii are the surfaces' own, outer ones times the system's `clear_fraction`.
+    /// They do: radii are the surfaces' own, outer ones of lenses times the system's `clear_fraction`.
     #[default]
     On,
     /// They do not: every ray that the figures and Snell's law let through arrives.
@@ -225,6 +225,10 @@ fn build(
                 Action::Refract
             };
             let (inner, outer) = match clipping {
+                // Only glass is mounted by its rim: a stop, a mask or the image is as large as it says.
+                Clipping::On if left == right && !matches!(surface.shape, Shape::IdealLens { .. }) => {
+                    (surface.aperture.inner_mm, surface.aperture.outer_mm)
+                }
                 Clipping::On => {
                     (surface.aperture.inner_mm, surface.aperture.outer_mm * system.clear_fraction)
                 }

@@ -7,7 +7,7 @@ use retina_optics::plot::{self, SpotRow};
 use retina_optics::{Launcher, Tracer};
 use serde_json::json;
 
-use super::{Output, Reading, failed, pair, print_lines};
+use super::{Document, Output, Quadrature, Reading, failed, pair};
 use crate::failure::Failure;
 
 #[derive(clap::Args)]
@@ -17,7 +17,7 @@ pub(crate) struct TraceArguments {
     /// Field: tangents x,y, or mm for a finite object.
     #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true, default_value = "0,0")]
     field: [f64; 2],
-    /// Pupil point on the unit disc.
+    /// Pupil point, within the unit disc.
     #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true, default_value = "0,0")]
     pupil: [f64; 2],
     /// Wavelength, nm; the primary one if not given.
@@ -25,44 +25,41 @@ pub(crate) struct TraceArguments {
     wavelength_nm: Option<f64>,
     #[command(flatten)]
     reading: Reading,
-    /// Print a JSON document on standard output.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    document: Document,
 }
 
 pub(super) fn trace(arguments: &TraceArguments) -> Result<(), Failure> {
     let system = arguments.reading.system(&arguments.system)?;
+    system.check_ray(std::path::Path::new("the command line"), arguments.field, arguments.pupil)?;
     let wavelength_nm = arguments.wavelength_nm.unwrap_or(system.primary_nm());
     let tracer = Tracer::new(&system, wavelength_nm, arguments.reading.clipping()).map_err(failed)?;
     let launcher = Launcher::new(&system).map_err(failed)?;
     let ray = launcher.ray(arguments.field, arguments.pupil).map_err(failed)?;
     let crossings =
         tracer.trace(&ray).map_err(|failure| Failure::new(format!("{}: {failure}", system.name)))?;
-    if arguments.json {
-        let rows: Vec<_> = crossings
-            .iter()
-            .map(|crossing| {
-                json!({
-                    "surface": crossing.surface + 1,
-                    "label": system.surfaces[crossing.surface].label,
-                    "position_mm": crossing.position_mm.to_array(),
-                    "local_mm": crossing.local_mm.to_array(),
-                    "direction": crossing.direction.to_array(),
-                    "incidence_deg": crossing.incidence_cos.min(1.0).acos().to_degrees(),
-                    "path_mm": crossing.path_mm,
-                })
+    let rows: Vec<_> = crossings
+        .iter()
+        .map(|crossing| {
+            json!({
+                "surface": crossing.surface + 1,
+                "label": system.surfaces[crossing.surface].label,
+                "position_mm": crossing.position_mm.to_array(),
+                "local_mm": crossing.local_mm.to_array(),
+                "direction": crossing.direction.to_array(),
+                "incidence_deg": crossing.incidence_cos.min(1.0).acos().to_degrees(),
+                "path_mm": crossing.path_mm,
             })
-            .collect();
-        crate::print_json(&json!({
-            "schema": "retina.optics-trace/1",
-            "system": system.name,
-            "wavelength_nm": wavelength_nm,
-            "field": arguments.field,
-            "pupil": arguments.pupil,
-            "crossings": rows,
-        }));
-        return Ok(());
-    }
+        })
+        .collect();
+    let result = json!({
+        "system": system.name,
+        "wavelength_nm": wavelength_nm,
+        "field": arguments.field,
+        "pupil": arguments.pupil,
+        "crossings": rows,
+    });
+    arguments.document.print("trace", &result, || {
     let mut lines =
         vec!["surface         x mm           y mm           z mm            l            m            n        path mm".into()];
     lines.extend(crossings.iter().map(|crossing| {
@@ -79,8 +76,8 @@ pub(super) fn trace(arguments: &TraceArguments) -> Result<(), Failure> {
             crossing.path_mm
         )
     }));
-    print_lines(&lines);
-    Ok(())
+    lines
+    })
 }
 
 #[derive(clap::Args)]
@@ -88,12 +85,8 @@ pub(crate) struct SpotArguments {
     /// Prescriptions (.toml, .zmx) or names of designs that ship; each becomes a row of the drawing.
     #[arg(required = true)]
     systems: Vec<PathBuf>,
-    /// Gauss-Legendre rings of the pupil; 8 do for open apertures, clipped ones need more.
-    #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u16).range(1..=200))]
-    rings: u16,
-    /// Arms of the pupil.
-    #[arg(long, default_value_t = 48, value_parser = clap::value_parser!(u16).range(3..=1000))]
-    arms: u16,
+    #[command(flatten)]
+    quadrature: Quadrature,
     /// Drawn and printed size over size on the image: from screen to sensor, for example.
     #[arg(long, default_value_t = 1.0, value_parser = super::positive, allow_negative_numbers = true)]
     scale: f64,
@@ -106,7 +99,7 @@ pub(crate) struct SpotArguments {
 pub(super) fn spots(arguments: &SpotArguments) -> Result<(), Failure> {
     arguments.output.check()?;
     let clipping = arguments.reading.clipping();
-    let options = SpotOptions { rings: arguments.rings.into(), arms: arguments.arms.into(), clipping };
+    let options = arguments.quadrature.options(clipping);
     let mut results = Vec::new();
     for source in &arguments.systems {
         let system = arguments.reading.system(source)?;

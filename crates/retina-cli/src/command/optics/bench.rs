@@ -2,14 +2,17 @@
 
 use std::path::PathBuf;
 
-use retina_files::{InputError, write_atomic};
+use retina_files::InputError;
 use retina_geometry::Setup;
 use retina_optics::constraints::{BenchLimits, PaperModel};
-use retina_optics::design::{BenchLenses, Camera, MatchBy, Screen, bench_design, bench_figure, setup_toml};
+use retina_optics::design::{
+    BenchDesign, BenchLenses, Camera, MatchBy, Screen, bench_design, bench_figure, setup_toml,
+};
 
-use super::Output;
 use super::constraints::check;
+use super::{Output, write_file};
 use crate::failure::Failure;
+use crate::output::tell;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -134,20 +137,28 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         pupil_collimator_mm: s_cam_mm,
     };
     let design = bench_design(&camera, &screen, &lenses, &BenchLimits::PAPER, arguments.match_by.into());
+    let mut warnings = Vec::new();
     if !design.margins.all_hold() {
-        eprintln!(
-            "retina: warning: a limit of the bench or a lens's rim is exceeded: see the negative margins"
-        );
+        warnings
+            .push("a limit of the bench or a lens's rim is exceeded: see the negative margins".to_owned());
+    }
+    if design.rows_beyond_screen_px > 0.0 {
+        warnings.push(format!(
+            "the camera sees {:.1} rows and the screen has {}: {:.1} rows at the image's upper and lower edge stay dark; \
+             --match-by height avoids it",
+            design.observed_rows_px, screen.height_px, design.rows_beyond_screen_px
+        ));
+    }
+    for warning in &warnings {
+        tell!("warning: {warning}");
     }
     arguments.output.draw(|| bench_figure(&arguments.name, &design, &lenses, &camera))?;
     if let Some(path) = &arguments.out {
         let text = setup_toml(&arguments.name, &design, &camera, &screen, arguments.camera_bits);
-        write_atomic(path, text.as_bytes())
-            .map_err(|error| Failure::new(format!("{} cannot be written: {error}", path.display())))?;
-        eprintln!("retina: {} written", path.display());
+        write_file(path, text.as_bytes())?;
     }
     let (layout, margins) = (&design.layout, &design.margins);
-    arguments.output.print("design", &design, || {
+    arguments.output.print("design", &Warned { design: &design, warnings: &warnings }, || {
         vec![
             format!(
                 "M     {:10.4}      rows of the screen seen {:.1}",
@@ -171,6 +182,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             ),
         ]
     })
+}
+
+/// The document: the design's own keys and what was warned of.
+#[derive(serde::Serialize)]
+struct Warned<'a> {
+    #[serde(flatten)]
+    design: &'a BenchDesign,
+    warnings: &'a [String],
 }
 
 fn screen_of(setup: &Setup) -> Screen {

@@ -55,8 +55,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         ("--grid-mm", arguments.grid_mm[0]),
         ("--grid-mm", arguments.grid_mm[1] - arguments.grid_mm[0]),
     ])?;
-    if arguments.output.svg.is_some() && !arguments.grid {
-        return Err(InputError::new("the command line", "--svg draws the grid of focal lengths")
+    if arguments.output.drawing.is_wanted() && !arguments.grid {
+        return Err(InputError::new("the command line", "--svg and --png draw the grid of focal lengths")
             .help("add --grid")
             .into());
     }
@@ -110,15 +110,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     })
 }
 
-/// Refuses flags that are not positive numbers.
+/// Longest length that a flag of the bench may have, mm: ten metres.
+const LONGEST_MM: f64 = 1e4;
+
+/// Refuses flags that are not positive numbers, or longer than any bench.
 pub(super) fn check(flags: &[(&str, f64)]) -> Result<(), InputError> {
-    match flags.iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
+    match flags.iter().find(|(_, value)| !(*value > 0.0 && *value <= LONGEST_MM)) {
         None => Ok(()),
         Some((flag, value)) => {
-            Err(InputError::new(Path::new("the command line"), "the value is not a positive number")
+            let problem = match *value > 0.0 {
+                true => "the value is longer than any bench",
+                false => "the value is not a positive number",
+            };
+            Err(InputError::new(Path::new("the command line"), problem)
                 .at(format!("flag {flag}"))
                 .found(value)
-                .expected("a finite number above 0"))
+                .expected(format!("above 0, at most {LONGEST_MM}")))
         }
     }
 }

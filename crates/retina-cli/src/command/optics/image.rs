@@ -2,12 +2,14 @@
 
 use std::path::PathBuf;
 
-use retina_optics::analysis;
+use retina_optics::analysis::{self, PsfGridChoice};
 use retina_optics::plot;
 use serde_json::json;
 
-use super::{Output, Reading, failed};
+use super::{Drawing, Output, Reading, failed};
+
 use crate::failure::Failure;
+use crate::output::tell;
 
 #[derive(clap::Args)]
 pub(crate) struct WavefrontArguments {
@@ -49,19 +51,28 @@ pub(super) fn wavefront(arguments: &WavefrontArguments) -> Result<(), Failure> {
     })
 }
 
+/// Share of the light below which a grid is warned of.
+const ENOUGH_LIGHT: f64 = 0.99;
+
 #[derive(clap::Args)]
 pub(crate) struct PsfArguments {
     /// A prescription (.toml, .zmx) or the name of a design that ships.
     system: PathBuf,
-    /// Pupil points a side.
-    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u16).range(8..=1024))]
-    pupil: u16,
-    /// Pixels a side of the PSF.
-    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u16).range(8..=1024))]
-    pixels: u16,
-    /// Pixel pitch, um.
-    #[arg(long, default_value_t = 0.5)]
-    pitch_um: f64,
+    /// Pupil points a side; chosen so that the PSF's repetitions stay away if not given.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(8..=1024))]
+    pupil: Option<u16>,
+    /// Pixels a side of the PSF; chosen with the pitch so that 99 % of the light is on them if not given.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(8..=1024))]
+    pixels: Option<u16>,
+    /// Pixel pitch, um; chosen if not given.
+    #[arg(long, value_name = "UM", value_parser = super::positive, allow_negative_numbers = true)]
+    pitch_um: Option<f64>,
+    /// Draw the encircled energy into this SVG file.
+    #[arg(long, value_name = "FILE")]
+    energy_svg: Option<PathBuf>,
+    /// Draw the encircled energy into this PNG file.
+    #[arg(long, value_name = "FILE")]
+    energy_png: Option<PathBuf>,
     #[command(flatten)]
     reading: Reading,
     #[command(flatten)]
@@ -70,23 +81,44 @@ pub(crate) struct PsfArguments {
 
 pub(super) fn psf(arguments: &PsfArguments) -> Result<(), Failure> {
     arguments.output.check()?;
-    if !(arguments.pitch_um > 0.0 && arguments.pitch_um.is_finite()) {
-        return Err(Failure::new(format!("--pitch-um must be positive (found {})", arguments.pitch_um)));
-    }
+    let second = Drawing { svg: arguments.energy_svg.clone(), png: arguments.energy_png.clone() };
+    second.check()?;
     let system = arguments.reading.system(&arguments.system)?;
     let clipping = arguments.reading.clipping();
-    let (pupil, pixels) = (arguments.pupil.into(), arguments.pixels.into());
+    let choice = PsfGridChoice {
+        pupil_side: arguments.pupil.map(usize::from),
+        side: arguments.pixels.map(usize::from),
+        pitch_um: arguments.pitch_um,
+    };
+    let grid = analysis::psf_grid(&system, choice, clipping).map_err(failed)?;
     let psfs = system
         .fields
         .iter()
         .map(|field| {
-            analysis::psf_polychromatic(&system, field.at, pupil, pixels, arguments.pitch_um, clipping)
+            analysis::psf_polychromatic(
+                &system,
+                field.at,
+                grid.pupil_side,
+                grid.side,
+                grid.pitch_um,
+                clipping,
+            )
         })
         .collect::<Result<Vec<_>, _>>()
         .map_err(failed)?;
     let energy: Vec<_> = psfs.iter().map(|psf| analysis::encircled_energy(psf, 64)).collect();
     arguments.output.draw(|| Ok(plot::psf_figure(&system, &psfs)))?;
-    let document = json!({ "system": system.name, "fields": psfs, "encircled_energy": energy });
+    second.draw(|| Ok(plot::encircled_energy_figure(&system, &energy)))?;
+    let held = psfs.iter().map(|psf| psf.energy_on_grid).fold(1.0, f64::min);
+    if held < ENOUGH_LIGHT {
+        tell!(
+            "warning: the grid of {} pixels of {:.4} um holds only {:.1} % of a field's light",
+            grid.side,
+            grid.pitch_um,
+            100.0 * held
+        );
+    }
+    let document = json!({ "system": system.name, "grid": grid, "fields": psfs, "encircled_energy": energy });
     arguments.output.print("psf", &document, || {
         psfs.iter()
             .zip(&energy)
@@ -94,8 +126,8 @@ pub(super) fn psf(arguments: &PsfArguments) -> Result<(), Failure> {
                 let radius = energy.radius_um.iter().zip(&energy.fraction).find(|(_, share)| **share >= 0.8);
                 let radius = radius.map_or("beyond the grid".to_owned(), |(radius, _)| format!("{radius:.2} um"));
                 format!(
-                    "field {:9.6}, {:9.6}: peak {:.4} of the diffraction limit, {:.1} % of the energy on the grid, 80 % \
-                     within {radius}",
+                    "field {:9.6}, {:9.6}: peak {:.4} of the diffraction limit, {:.1} % of the light on the grid, 80 % \
+                     of it all within {radius}",
                     psf.field[0],
                     psf.field[1],
                     psf.peak(),
@@ -142,14 +174,15 @@ pub(super) fn mtf(arguments: &MtfArguments) -> Result<(), Failure> {
         .map_err(failed)?;
     arguments.output.draw(|| Ok(plot::mtf_figure(&system, &curves)))?;
     arguments.output.print("mtf", &json!({ "system": system.name, "fields": curves }), || {
-        let half = |values: &[f64], at: &[f64]| {
-            values.iter().position(|&v| v < 0.5).map_or("never".to_owned(), |i| format!("{:.1} /mm", at[i]))
+        let half = |values: &[f64], at: &[f64]| match values.iter().position(|&v| v < 0.5) {
+            Some(i) => format!("below 0.5 from {:.1} /mm", at[i]),
+            None => format!("0.5 or more up to {:.1} /mm", arguments.highest_per_mm),
         };
         curves
             .iter()
             .map(|mtf| {
                 format!(
-                    "field {:9.6}, {:9.6}: contrast below 0.5 from {} (y), {} (x)",
+                    "field {:9.6}, {:9.6}: contrast along y {}, along x {}",
                     mtf.field[0],
                     mtf.field[1],
                     half(&mtf.y, &mtf.frequency_per_mm),

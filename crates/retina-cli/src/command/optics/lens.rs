@@ -7,7 +7,7 @@ use retina_optics::paraxial::{Paraxial, efl_of_mm};
 use retina_optics::plot;
 use serde_json::json;
 
-use super::{Output, Reading, failed, or_dash, print_lines};
+use super::{Document, Drawing, Output, Reading, failed, or_dash};
 use crate::failure::Failure;
 
 #[derive(clap::Args)]
@@ -19,9 +19,8 @@ pub(crate) struct Arguments {
     wavelength_nm: Option<f64>,
     #[command(flatten)]
     reading: Reading,
-    /// Print a JSON document on standard output.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    document: Document,
 }
 
 pub(super) fn first_order(arguments: &Arguments) -> Result<(), Failure> {
@@ -36,64 +35,55 @@ pub(super) fn first_order(arguments: &Arguments) -> Result<(), Failure> {
             Ok((group.name.clone(), efl_of_mm(&system, group.first, group.last, nm).map_err(failed)?))
         })
         .collect::<Result<Vec<_>, Failure>>()?;
-    if arguments.json {
-        let groups: Vec<_> =
-            groups.iter().map(|(name, efl)| json!({ "name": name, "efl_mm": efl })).collect();
-        crate::print_json(&json!({
-            "schema": "retina.optics-first-order/1",
-            "system": system.name,
-            "first_order": first,
-            "groups": groups,
-            "seidel": seidel,
-        }));
-        return Ok(());
-    }
-    let mut lines = vec![
-        format!("{}, {nm} nm (mm)", system.name),
-        format!("  focal length        {}", or_dash(first.efl_mm)),
-        format!("  back focal length   {}", or_dash(first.bfl_mm)),
-        format!("  front focal length  {}", or_dash(first.ffl_mm)),
-        format!(
-            "  principal planes    {} front, {} rear",
-            or_dash(first.front_principal_mm),
-            or_dash(first.rear_principal_mm)
-        ),
-        format!(
-            "  entrance pupil      {:.4}, diameter {:.4}",
-            first.entrance_pupil_mm, first.entrance_pupil_diameter_mm
-        ),
-        format!(
-            "  exit pupil          {}, diameter {}",
-            or_dash(first.exit_pupil_mm),
-            or_dash(first.exit_pupil_diameter_mm)
-        ),
-        format!(
-            "  paraxial image      {} (surface at {:.4})",
-            or_dash(first.image_mm),
-            first.image_surface_mm
-        ),
-        format!("  working f-number    {}", or_dash(first.working_f_number)),
-        format!("  magnification       {}", or_dash(first.magnification)),
-        format!("  track               {:.4}", first.track_mm),
-    ];
-    lines.splice(2..2, groups.iter().map(|(name, efl)| format!("    of {name:16} {}", or_dash(*efl))));
-    let s = &seidel.sum;
-    lines.push(
-        "Seidel sums (um): spherical, coma, astigmatism, Petzval, distortion, axial and lateral colour"
-            .into(),
-    );
-    let sums = [
-        s.spherical_mm,
-        s.coma_mm,
-        s.astigmatism_mm,
-        s.petzval_mm,
-        s.distortion_mm,
-        s.axial_colour_mm,
-        s.lateral_colour_mm,
-    ];
-    lines.push(sums.map(|sum| format!("{:11.4}", 1e3 * sum)).concat());
-    print_lines(&lines);
-    Ok(())
+    let listed: Vec<_> = groups.iter().map(|(name, efl)| json!({ "name": name, "efl_mm": efl })).collect();
+    let result = json!({ "system": system.name, "first_order": first, "groups": listed, "seidel": seidel });
+    arguments.document.print("first-order", &result, || {
+        let mut lines = vec![
+            format!("{}, {nm} nm (mm)", system.name),
+            format!("  focal length        {}", or_dash(first.efl_mm)),
+            format!("  back focal length   {}", or_dash(first.bfl_mm)),
+            format!("  front focal length  {}", or_dash(first.ffl_mm)),
+            format!(
+                "  principal planes    {} front, {} rear",
+                or_dash(first.front_principal_mm),
+                or_dash(first.rear_principal_mm)
+            ),
+            format!(
+                "  entrance pupil      {:.4}, diameter {:.4}",
+                first.entrance_pupil_mm, first.entrance_pupil_diameter_mm
+            ),
+            format!(
+                "  exit pupil          {}, diameter {}",
+                or_dash(first.exit_pupil_mm),
+                or_dash(first.exit_pupil_diameter_mm)
+            ),
+            format!(
+                "  paraxial image      {} (surface at {:.4})",
+                or_dash(first.image_mm),
+                first.image_surface_mm
+            ),
+            format!("  working f-number    {}", or_dash(first.working_f_number)),
+            format!("  magnification       {}", or_dash(first.magnification)),
+            format!("  track               {:.4}", first.track_mm),
+        ];
+        lines.splice(2..2, groups.iter().map(|(name, efl)| format!("    of {name:16} {}", or_dash(*efl))));
+        let s = &seidel.sum;
+        lines.push(
+            "Seidel sums (um): spherical, coma, astigmatism, Petzval, distortion, axial and lateral colour"
+                .into(),
+        );
+        let sums = [
+            s.spherical_mm,
+            s.coma_mm,
+            s.astigmatism_mm,
+            s.petzval_mm,
+            s.distortion_mm,
+            s.axial_colour_mm,
+            s.lateral_colour_mm,
+        ];
+        lines.push(sums.map(|sum| format!("{:11.4}", 1e3 * sum)).concat());
+        lines
+    })
 }
 
 #[derive(clap::Args)]
@@ -106,6 +96,9 @@ pub(crate) struct FieldArguments {
     /// Draw illumination and vignetting into this SVG file.
     #[arg(long, value_name = "FILE")]
     illumination_svg: Option<PathBuf>,
+    /// Draw illumination and vignetting into this PNG file.
+    #[arg(long, value_name = "FILE")]
+    illumination_png: Option<PathBuf>,
     #[command(flatten)]
     reading: Reading,
     #[command(flatten)]
@@ -114,7 +107,7 @@ pub(crate) struct FieldArguments {
 
 pub(super) fn field(arguments: &FieldArguments) -> Result<(), Failure> {
     arguments.output.check()?;
-    let second = Output { svg: arguments.illumination_svg.clone(), json: false };
+    let second = Drawing { svg: arguments.illumination_svg.clone(), png: arguments.illumination_png.clone() };
     second.check()?;
     let system = arguments.reading.system(&arguments.system)?;
     let curves = analysis::field_curves(&system, arguments.steps.into()).map_err(failed)?;
@@ -153,9 +146,8 @@ pub(crate) struct GhostArguments {
     count: usize,
     #[command(flatten)]
     reading: Reading,
-    /// Print a JSON document on standard output.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 pub(super) fn ghosts(arguments: &GhostArguments) -> Result<(), Failure> {
@@ -164,11 +156,12 @@ pub(super) fn ghosts(arguments: &GhostArguments) -> Result<(), Failure> {
     {
         return Err(Failure::new(format!("--coating is a reflectance, 0 to 1 (found {r})")));
     }
+    arguments.output.check()?;
     let system = arguments.reading.system(&arguments.system)?;
     let mut ghosts = analysis::ghosts(&system, arguments.coating).map_err(failed)?;
     ghosts.truncate(arguments.count);
-    let output = Output { svg: None, json: arguments.json };
-    output.print("ghosts", &json!({ "system": system.name, "ghosts": ghosts }), || {
+    arguments.output.draw(|| Ok(plot::ghosts_figure(&system, &ghosts)))?;
+    arguments.output.print("ghosts", &json!({ "system": system.name, "ghosts": ghosts }), || {
         let mut lines = vec![
             "surfaces  reflectance  arrives  focus mm  paraxial radius mm  RMS radius mm  irradiance 1/mm2"
                 .into(),
@@ -194,17 +187,17 @@ pub(super) fn ghosts(arguments: &GhostArguments) -> Result<(), Failure> {
 pub(crate) struct ToleranceArguments {
     /// A prescription (.toml, .zmx) or the name of a design that ships.
     system: PathBuf,
-    /// Tilt of each lens about x and y, arcmin.
-    #[arg(long, default_value_t = 3.0, value_parser = super::not_negative, allow_negative_numbers = true)]
+    /// Tilt of each lens about x and y, arcmin; 600 at most.
+    #[arg(long, default_value_t = 3.0, value_parser = super::up_to(600.0), allow_negative_numbers = true)]
     tilt_arcmin: f64,
-    /// Decentre of each lens along x and y, um.
-    #[arg(long, default_value_t = 50.0, value_parser = super::not_negative, allow_negative_numbers = true)]
+    /// Decentre of each lens along x and y, um; 1e5 at most.
+    #[arg(long, default_value_t = 50.0, value_parser = super::up_to(1e5), allow_negative_numbers = true)]
     decentre_um: f64,
-    /// Error of each air gap, um.
-    #[arg(long, default_value_t = 100.0, value_parser = super::not_negative, allow_negative_numbers = true)]
+    /// Error of each air gap, um; 1e5 at most.
+    #[arg(long, default_value_t = 100.0, value_parser = super::up_to(1e5), allow_negative_numbers = true)]
     gap_um: f64,
-    /// Error of each glass's index.
-    #[arg(long, default_value_t = 5e-4, value_parser = super::not_negative, allow_negative_numbers = true)]
+    /// Error of each glass's index; 0.5 at most.
+    #[arg(long, default_value_t = 5e-4, value_parser = super::up_to(0.5), allow_negative_numbers = true)]
     index: f64,
     /// Leave the image where it is.
     #[arg(long)]
@@ -244,7 +237,18 @@ pub(super) fn tolerance(arguments: &ToleranceArguments) -> Result<(), Failure> {
         let nominal = report.nominal.rms_um.iter().copied().fold(0.0, f64::max);
         let (spot, shift) = (&report.worst_rms_um, &report.boresight_mm);
         vec![
-            format!("{}: {} trials, seed {}", system.name, report.trials.len(), report.seed),
+            format!(
+                "{}: {} trials, seed {}; {} failed{}",
+                system.name,
+                arguments.trials,
+                report.seed,
+                report.failed,
+                if report.failed > 0 {
+                    ": a beam did not arrive, and the shares are those of the others"
+                } else {
+                    ""
+                }
+            ),
             format!(
                 "worst RMS, um: nominal {nominal:.2}; 50 % {:.2}, 80 % {:.2}, 90 % {:.2}, 98 % {:.2}",
                 spot.p50, spot.p80, spot.p90, spot.p98
@@ -256,6 +260,11 @@ pub(super) fn tolerance(arguments: &ToleranceArguments) -> Result<(), Failure> {
         ]
     })
 }
+
+/// Optical glass softens before this temperature, degC.
+const HOTTEST_C: f64 = 1000.0;
+/// Ten times what plastics have, 1e-6/K.
+const LARGEST_EXPANSION_1E6_PER_K: f64 = 1000.0;
 
 #[derive(clap::Args)]
 pub(crate) struct ThermalArguments {
@@ -275,8 +284,16 @@ pub(crate) struct ThermalArguments {
 
 pub(super) fn thermal(arguments: &ThermalArguments) -> Result<(), Failure> {
     arguments.output.check()?;
-    if let Some(bad) = arguments.temperatures_c.iter().find(|t| !(**t > -273.15 && t.is_finite())) {
-        return Err(Failure::new(format!("--temperatures-c must be above absolute zero (found {bad})")));
+    if let Some(bad) = arguments.temperatures_c.iter().find(|t| !(**t > -273.15 && **t <= HOTTEST_C)) {
+        return Err(Failure::new(format!(
+            "--temperatures-c must be above absolute zero and at most {HOTTEST_C} (found {bad})"
+        )));
+    }
+    let expansion = arguments.mount_1e6_per_k;
+    if expansion.is_nan() || expansion.abs() > LARGEST_EXPANSION_1E6_PER_K {
+        return Err(Failure::new(format!(
+            "--mount-1e6-per-k must lie within {LARGEST_EXPANSION_1E6_PER_K} of 0 (found {expansion})"
+        )));
     }
     let system = arguments.reading.system(&arguments.system)?;
     let options = SpotOptions { clipping: arguments.reading.clipping(), ..SpotOptions::default() };
@@ -310,20 +327,21 @@ pub(crate) struct LayoutArguments {
     /// Prescriptions (.toml, .zmx) or names of designs that ship, drawn below one another.
     #[arg(required = true)]
     systems: Vec<PathBuf>,
-    /// The SVG file to write.
-    #[arg(long, value_name = "FILE")]
-    svg: PathBuf,
+    #[command(flatten)]
+    drawing: Drawing,
     #[command(flatten)]
     reading: Reading,
 }
 
 pub(super) fn layout(arguments: &LayoutArguments) -> Result<(), Failure> {
-    let output = Output { svg: Some(arguments.svg.clone()), json: false };
-    output.check()?;
+    if !arguments.drawing.is_wanted() {
+        return Err(Failure::new("a layout needs a file to be drawn into: --svg FILE, --png FILE or both"));
+    }
+    arguments.drawing.check()?;
     let systems = arguments
         .systems
         .iter()
         .map(|source| arguments.reading.system(source))
         .collect::<Result<Vec<_>, Failure>>()?;
-    output.draw(|| plot::layout_figure("Layout", &systems.iter().collect::<Vec<_>>()))
+    arguments.drawing.draw(|| plot::layout_figure("Layout", &systems.iter().collect::<Vec<_>>()))
 }

@@ -7,15 +7,17 @@ mod image;
 mod lens;
 mod search;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use retina_files::write_atomic;
+use retina_optics::analysis::SpotOptions;
 use retina_optics::{Clipping, OpticalSystem, OpticsError, read_system};
 use retina_plot::Figure;
 use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::failure::Failure;
+use crate::output::{print_json, print_lines, tell};
 
 /// A finite number above 0, for an option.
 fn positive(text: &str) -> Result<f64, String> {
@@ -23,10 +25,12 @@ fn positive(text: &str) -> Result<f64, String> {
     value.ok_or_else(|| "expected a finite number above 0".into())
 }
 
-/// A finite number, 0 or more, for an option.
-fn not_negative(text: &str) -> Result<f64, String> {
-    let value = text.parse::<f64>().ok().filter(|value| value.is_finite() && *value >= 0.0);
-    value.ok_or_else(|| "expected a finite number, 0 or more".into())
+/// A number from 0 to a limit, for an option.
+fn up_to(limit: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
+    move |text| {
+        let value = text.parse::<f64>().ok().filter(|value| (0.0..=limit).contains(value));
+        value.ok_or_else(|| format!("expected a number, 0 or more and at most {limit}"))
+    }
 }
 
 #[derive(clap::Subcommand)]
@@ -112,33 +116,111 @@ impl Reading {
     }
 }
 
-/// How a result is shown.
+/// Gaussian quadrature of the pupil.
 #[derive(clap::Args)]
-pub(crate) struct Output {
+pub(crate) struct Quadrature {
+    /// Gauss-Legendre rings of the pupil, or of what apertures leave of it.
+    #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u16).range(1..=200))]
+    rings: u16,
+    /// Arms of the pupil.
+    #[arg(long, default_value_t = 48, value_parser = clap::value_parser!(u16).range(3..=1000))]
+    arms: u16,
+}
+
+impl Quadrature {
+    fn options(&self, clipping: Clipping) -> SpotOptions {
+        SpotOptions { rings: self.rings.into(), arms: self.arms.into(), clipping }
+    }
+}
+
+/// Where a result is drawn.
+#[derive(clap::Args, Clone, Default)]
+pub(crate) struct Drawing {
     /// Draw the result into this SVG file.
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
+    /// Draw the result into this PNG file.
+    #[arg(long, value_name = "FILE")]
+    png: Option<PathBuf>,
+}
+
+impl Drawing {
+    /// Whether there is one.
+    fn is_wanted(&self) -> bool {
+        self.svg.is_some() || self.png.is_some()
+    }
+
+    /// Refuses a drawing whose folder is not there, before anything is computed.
+    fn check(&self) -> Result<(), Failure> {
+        self.svg.as_deref().map_or(Ok(()), |file| crate::check_file(file, "svg"))?;
+        self.png.as_deref().map_or(Ok(()), |file| crate::check_file(file, "png"))
+    }
+
+    /// Writes the drawing, if one is wanted.
+    fn draw(&self, figure: impl FnOnce() -> Result<Figure, OpticsError>) -> Result<(), Failure> {
+        if !self.is_wanted() {
+            return Ok(());
+        }
+        let svg = figure().map_err(failed)?.to_svg();
+        if let Some(path) = &self.svg {
+            write_file(path, svg.as_bytes())?;
+        }
+        if let Some(path) = &self.png {
+            let png = retina_plot::png(&svg, PNG_SCALE).map_err(|error| Failure::new(error.to_string()))?;
+            write_file(path, &png)?;
+        }
+        Ok(())
+    }
+}
+
+/// Pixels of a PNG for each px of the SVG.
+const PNG_SCALE: f64 = 2.0;
+
+/// Writes a file whole, and says so.
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    write_atomic(path, bytes)
+        .map_err(|error| Failure::new(format!("{} cannot be written: {error}", path.display())))?;
+    tell!("{} written", path.display());
+    Ok(())
+}
+
+/// How a result is shown.
+#[derive(clap::Args)]
+pub(crate) struct Output {
+    #[command(flatten)]
+    drawing: Drawing,
+    #[command(flatten)]
+    document: Document,
+}
+
+impl Output {
+    fn check(&self) -> Result<(), Failure> {
+        self.drawing.check()
+    }
+
+    fn draw(&self, figure: impl FnOnce() -> Result<Figure, OpticsError>) -> Result<(), Failure> {
+        self.drawing.draw(figure)
+    }
+
+    fn print<T: Serialize>(
+        &self,
+        schema: &str,
+        result: &T,
+        lines: impl FnOnce() -> Vec<String>,
+    ) -> Result<(), Failure> {
+        self.document.print(schema, result, lines)
+    }
+}
+
+/// How a result is told.
+#[derive(clap::Args)]
+pub(crate) struct Document {
     /// Print a JSON document on standard output.
     #[arg(long)]
     json: bool,
 }
 
-impl Output {
-    /// Refuses a drawing whose folder is not there, before anything is computed.
-    fn check(&self) -> Result<(), Failure> {
-        self.svg.as_deref().map_or(Ok(()), |file| crate::check_file(file, "svg"))
-    }
-
-    /// Writes the drawing, if one is wanted.
-    fn draw(&self, figure: impl FnOnce() -> Result<Figure, OpticsError>) -> Result<(), Failure> {
-        let Some(path) = &self.svg else { return Ok(()) };
-        let svg = figure().map_err(failed)?.to_svg();
-        write_atomic(path, svg.as_bytes())
-            .map_err(|error| Failure::new(format!("{} cannot be written: {error}", path.display())))?;
-        eprintln!("retina: {} written", path.display());
-        Ok(())
-    }
-
+impl Document {
     /// The document of a schema, or lines of text.
     fn print<T: Serialize>(
         &self,
@@ -146,23 +228,7 @@ impl Output {
         result: &T,
         lines: impl FnOnce() -> Vec<String>,
     ) -> Result<(), Failure> {
-        if self.json {
-            crate::print_json(&document(schema, result)?);
-        } else {
-            print_lines(&lines());
-        }
-        Ok(())
-    }
-}
-
-/// A reader that has gone away is no failure.
-fn print_lines(lines: &[String]) {
-    use std::io::Write as _;
-    let mut out = std::io::stdout().lock();
-    for line in lines {
-        if writeln!(out, "{line}").is_err() {
-            return;
-        }
+        if self.json { print_json(&document(schema, result)?) } else { print_lines(&lines()) }
     }
 }
 

@@ -5,18 +5,20 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
+use retina_files::InputError;
 use retina_geometry::Setup;
 use retina_optics::constraints::{BenchLimits, PaperModel};
 use retina_optics::design::{BenchLenses, bench_design};
 use retina_optics::search::{
-    Configuration, Phase, SearchObserver, SearchProgress, SearchReport, SearchRequest, SearchedDesign,
-    pareto_figure, search,
+    Configuration, Limit, NearestMiss, Phase, SearchObserver, SearchProgress, SearchReport, SearchRequest,
+    SearchedDesign, SearchedLens, pareto_figure, search,
 };
 
-use super::Output;
 use super::bench::{Matching, camera_and_screen};
 use super::constraints::check;
+use super::{Output, write_file};
 use crate::failure::Failure;
+use crate::output::tell;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -77,6 +79,13 @@ pub(crate) struct Arguments {
     /// Keep the search's state in this file, and continue from it if it is there.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
+    /// Write the best design as prescriptions that every optics command reads, a file for each
+    /// configuration: FILE.toml becomes FILE-wide-fov.toml and so on.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Which design of the ranked table --out writes.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..), requires = "out")]
+    rank: u16,
     #[command(flatten)]
     output: Output,
 }
@@ -84,18 +93,75 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.output.check()?;
     arguments.state.as_deref().map_or(Ok(()), crate::check_target)?;
+    arguments.out.as_deref().map_or(Ok(()), |file| crate::check_file(file, "toml"))?;
     let request = request(arguments)?;
     let mut reporter = Reporter::new();
     let report = search(&request, Path::new("the search"), arguments.state.as_deref(), &mut reporter);
     reporter.clear();
     let report = report?;
     if report.designs.is_empty() {
-        return Err(Failure::new(
-            "no design keeps all limits: allow more vignetting (--max-vignetted) or larger clear apertures (--clear)",
-        ));
+        if arguments.output.document.json {
+            arguments.output.print("search", &report, Vec::new)?;
+        }
+        return Err(Failure::new(nothing_found(&report)));
     }
     arguments.output.draw(|| Ok(pareto_figure(&report)))?;
+    if let Some(file) = &arguments.out {
+        write_design(file, usize::from(arguments.rank), &report, &request)?;
+    }
     arguments.output.print("search", &report, || table(&report))
+}
+
+/// Why there is no design, and what comes nearest to one.
+fn nothing_found(report: &SearchReport) -> String {
+    let mut text = "no design keeps all limits; candidates that were ruled out:".to_owned();
+    for entry in report.removed.iter().filter(|entry| entry.candidates > 0) {
+        text += &format!("\n  {:8}  {}", entry.candidates, entry.limit.words());
+    }
+    let Some(NearestMiss { design, exceeds }) = &report.nearest_miss else {
+        return text + "\nof the best ranked ones none lets its rays through";
+    };
+    text += &format!("\nnearest miss: {:.3} um, {}", design.worst_rms_um, lenses(design));
+    for excess in exceeds {
+        text += &match excess.limit {
+            Limit::Vignetting => {
+                format!("\n  {}: by {:.2} % of the beam", excess.limit.words(), 100.0 * excess.by)
+            }
+            limit => format!("\n  {}: by {:.2} mm", limit.words(), excess.by),
+        };
+    }
+    text
+}
+
+/// A design of the table as a file for each configuration.
+fn write_design(
+    file: &Path,
+    rank: usize,
+    report: &SearchReport,
+    request: &SearchRequest,
+) -> Result<(), Failure> {
+    let design = report.designs.get(rank - 1).ok_or_else(|| {
+        InputError::new("--rank", "there is no such design")
+            .found(rank)
+            .expected(format!("1 to {}", report.designs.len()))
+    })?;
+    let stem = file.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    for (name, text) in design.prescriptions(request) {
+        // Names are free text; file names are not.
+        let name: String = name.chars().map(|c| if c.is_alphanumeric() { c } else { '-' }).collect();
+        write_file(&file.with_file_name(format!("{stem}-{name}.toml")), text.as_bytes())?;
+    }
+    Ok(())
+}
+
+/// The lenses of a design from the camera on.
+fn lenses(design: &SearchedDesign) -> String {
+    let lens = |lens: &SearchedLens| {
+        let turned = if lens.reversed { "(r)" } else { "" };
+        let gap = lens.gap_after_mm.map_or(" |".to_owned(), |gap| format!(" {gap:.2}"));
+        format!("{}{turned}{gap}", lens.part)
+    };
+    design.lenses.iter().map(lens).collect::<Vec<_>>().join(" ")
 }
 
 fn request(arguments: &Arguments) -> Result<SearchRequest, Failure> {
@@ -158,14 +224,6 @@ fn request(arguments: &Arguments) -> Result<SearchRequest, Failure> {
 /// The ranked table; designs on the pareto front of spot and length bear a star.
 fn table(report: &SearchReport) -> Vec<String> {
     let front = report.pareto();
-    let lenses = |design: &SearchedDesign| {
-        let lens = |lens: &retina_optics::search::SearchedLens| {
-            let turned = if lens.reversed { "(r)" } else { "" };
-            let gap = lens.gap_after_mm.map_or(" |".to_owned(), |gap| format!(" {gap:.2}"));
-            format!("{}{turned}{gap}", lens.part)
-        };
-        design.lenses.iter().map(lens).collect::<Vec<_>>().join(" ")
-    };
     let mut lines = vec![format!(
         "s_cam {:.2} mm; spots on the sensor, apertures open; (r) reversed, gaps in mm",
         report.pupil_collimator_mm
@@ -173,8 +231,7 @@ fn table(report: &SearchReport) -> Vec<String> {
     lines.push("      worst um  length mm  lost %  lenses from the camera".to_owned());
     for (i, design) in report.designs.iter().enumerate() {
         let star = if front.contains(&i) { '*' } else { ' ' };
-        let fields = design.configurations.iter().flat_map(|c| &c.fields);
-        let lost = fields.map(|field| field.vignetted_fraction).fold(0.0, f64::max) * 100.0;
+        let lost = design.vignetted_fraction() * 100.0;
         let (worst, length) = (design.worst_rms_um, design.length_mm);
         lines.push(format!("{:3} {star} {worst:8.3}  {length:9.2}  {lost:6.2}  {}", i + 1, lenses(design)));
     }
@@ -213,8 +270,8 @@ impl Reporter {
 impl SearchObserver for Reporter {
     fn note(&mut self, text: &str) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| eprintln!("retina: {text}")),
-            None => eprintln!("retina: {text}"),
+            Some(bar) => bar.suspend(|| tell!("{text}")),
+            None => tell!("{text}"),
         }
     }
 
@@ -246,6 +303,6 @@ impl SearchObserver for Reporter {
         self.last_line = Instant::now();
         let left_s =
             self.began.0.elapsed().as_secs_f64() / done as f64 * (progress.total - progress.done) as f64;
-        eprintln!("retina: {}/{} {what}{best}, {left_s:.0} s left", progress.done, progress.total);
+        tell!("{}/{} {what}{best}, {left_s:.0} s left", progress.done, progress.total);
     }
 }

@@ -1,0 +1,52 @@
+//! Standard output and standard error.
+//!
+//! A result that cannot be written is a failure, except where its reader has gone away. What is told on
+//! standard error is told to nobody where that cannot be written: the run goes on.
+
+use std::fmt;
+use std::io::{self, ErrorKind, Write};
+
+use crate::failure::Failure;
+
+/// Tells the user something on standard error, with the command's name before it.
+macro_rules! tell {
+    ($($text:tt)*) => {
+        $crate::output::tell_line(format_args!($($text)*))
+    };
+}
+pub(crate) use tell;
+
+/// A line on standard error, as [`tell!`] writes it.
+pub(crate) fn tell_line(text: fmt::Arguments<'_>) {
+    // Where this fails there is nobody left to be told.
+    let _ = writeln!(io::stderr(), "retina: {text}");
+}
+
+/// A document on standard output.
+pub(crate) fn print_json(document: &serde_json::Value) -> Result<(), Failure> {
+    print(format_args!("{document:#}\n"))
+}
+
+/// A document on one line of standard output, at once.
+pub(crate) fn print_json_line(document: &serde_json::Value) -> Result<(), Failure> {
+    print(format_args!("{document}\n"))
+}
+
+/// Lines of text on standard output.
+pub(crate) fn print_lines(lines: &[String]) -> Result<(), Failure> {
+    lines.iter().try_for_each(|line| print(format_args!("{line}\n")))
+}
+
+fn print(text: fmt::Arguments<'_>) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    of_writing(out.write_fmt(text).and_then(|()| out.flush()))
+}
+
+fn of_writing(result: io::Result<()>) -> Result<(), Failure> {
+    match result {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            Err(Failure::new(format!("standard output cannot be written: {error}")))
+        }
+        _ => Ok(()),
+    }
+}
