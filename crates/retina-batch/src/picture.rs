@@ -18,7 +18,7 @@ pub(crate) struct Picture {
 
 #[derive(Debug, Clone)]
 enum Encoder {
-    Screen { screen: ScreenEncoder, quantisation: Quantisation, points: PointPainter },
+    Screen { screen: ScreenEncoder, quantisation: Quantisation, points: Box<PointPainter> },
     Plain(PlainDisplay),
 }
 
@@ -39,8 +39,9 @@ impl Picture {
             Display::Facility(setup) => {
                 let screen = ScreenEncoder::new(setup);
                 let response = screen.response().clone();
-                let points = PointPainter::new(scene.image, scene.distortion.clone(), response);
-                Encoder::Screen { screen, quantisation: scene.output.quantisation, points }
+                let points = PointPainter::new(scene.image, scene.distortion.clone(), response)
+                    .with_inverse(scene.inverse.clone());
+                Encoder::Screen { screen, quantisation: scene.output.quantisation, points: Box::new(points) }
             }
             Display::Plain(plain) => Encoder::Plain(*plain),
         };

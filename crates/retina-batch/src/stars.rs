@@ -13,11 +13,11 @@ pub(crate) fn draw(
     radiance_scale: f64,
 ) -> Vec<ShownPoint> {
     let on_screen = |point: SkyPoint| {
-        let screen_px = painter.screen_px(point.line_of_sight)?;
+        let wanted_w_m2_nm = irradiance_of_magnitude_w_m2_nm(point.magnitude) * radiance_scale;
+        let screen_px = painter.screen_px(point.line_of_sight, wanted_w_m2_nm)?;
         if !painter.contains(screen_px) {
             return None;
         }
-        let wanted_w_m2_nm = irradiance_of_magnitude_w_m2_nm(point.magnitude) * radiance_scale;
         Some(ShownPoint {
             wanted_magnitude: magnitude_of_irradiance(wanted_w_m2_nm),
             point,

@@ -30,6 +30,11 @@ enum Command {
     Serve(command::serve::Arguments),
     /// Resamples an image through the facility's distortion.
     Warp(command::warp::Arguments),
+    /// Makes calibration screens with their list of points.
+    Pattern(command::pattern::Arguments),
+    /// Calibrates the facility from measurements.
+    #[command(subcommand)]
+    Calibrate(command::calibrate::Command),
     /// Builds a body's mesh and textures from a relief and an albedo map.
     Body(command::body::Arguments),
     /// Writes a built-in trajectory as a table.
@@ -49,6 +54,8 @@ fn main() -> ExitCode {
         Command::Render(arguments) => command::render::run(arguments),
         Command::Serve(arguments) => command::serve::run(&arguments),
         Command::Warp(arguments) => command::warp::run(arguments),
+        Command::Pattern(arguments) => command::pattern::run(&arguments),
+        Command::Calibrate(command) => command::calibrate::run(command),
         Command::Body(arguments) => command::body::run(arguments),
         Command::Trajectory(arguments) => command::trajectory::run(arguments),
         Command::Sheet(arguments) => command::sheet::run(arguments),

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, hash_file};
-use retina_geometry::{Calibration, Distortion, Setup};
+use retina_geometry::{Calibration, Setup};
 use retina_render::Quality;
 use retina_scene::{Compensation, Display, Output, RadianceScale, Scene, SceneInput, SceneParts};
 use retina_sky::Trajectory;
@@ -35,7 +35,7 @@ impl Scenario {
     pub fn scene(&self, shown: &Shown, with_frames: bool) -> Result<(Scene, Vec<String>), InputError> {
         let mut notes = Vec::new();
         let mut inputs = self.inputs.clone();
-        let (image, display, radiance_scale, compensation, distortion) = match shown {
+        let (image, display, radiance_scale, compensation, calibration) = match shown {
             Shown::Camera => {
                 let display = Display::Plain(self.settings.display());
                 (self.settings.pinhole(), display, RadianceScale::Value(1.0), Compensation::None, None)
@@ -43,14 +43,14 @@ impl Scenario {
             Shown::Facility { setup: file, compensation } => {
                 let setup = Setup::read(file)?;
                 inputs.push(SceneInput { role: "setup".into(), hash: hash_file(file)? });
-                let distortion = distortion(file, &setup, *compensation, &mut inputs)?;
+                let calibration = calibration(file, &setup, *compensation, &mut inputs)?;
                 notes.push(
                     "the setup takes the place of the scene's camera: fov, resolution, exposure, sensor, bits and view \
                      transform have no effect"
                         .into(),
                 );
                 let image = setup.facility_pinhole();
-                (image, Display::Facility(setup), RadianceScale::Auto, *compensation, distortion)
+                (image, Display::Facility(setup), RadianceScale::Auto, *compensation, calibration)
             }
         };
         let bodies = load_bodies(self, &mut notes)?;
@@ -66,7 +66,8 @@ impl Scenario {
             trajectory: Trajectory::new(&self.geometry_file, frames),
             radiance_scale,
             compensation,
-            distortion,
+            inverse: calibration.as_ref().and_then(|calibration| calibration.inverse.clone()),
+            distortion: calibration.map(|calibration| calibration.distortion),
             bodies,
             stars: None,
             quality: Quality::Default,
@@ -91,12 +92,12 @@ pub(crate) fn in_blender_units(error: InputError, geometry_file: &Path) -> Input
     )
 }
 
-fn distortion(
+fn calibration(
     file: &Path,
     setup: &Setup,
     compensation: Compensation,
     inputs: &mut Vec<SceneInput>,
-) -> Result<Option<Distortion>, InputError> {
+) -> Result<Option<Calibration>, InputError> {
     if compensation == Compensation::None {
         return Ok(None);
     }
@@ -106,5 +107,5 @@ fn distortion(
             .help("leave --compensation out, or name a calibration in the setup"));
     };
     inputs.push(SceneInput { role: "calibration".into(), hash: hash_file(&calibration)? });
-    Ok(Some(Calibration::read(&calibration, setup)?.distortion))
+    Ok(Some(Calibration::read(&calibration, setup)?))
 }

@@ -5,17 +5,20 @@ use std::path::{Path, PathBuf};
 use retina_files::{InputError, read_toml};
 use serde::Deserialize;
 
-use crate::{Distortion, MAX_DEGREE, Setup};
+use crate::{Distortion, InverseDistortion, MAX_DEGREE, Setup};
+use glam::DVec2;
 
-/// What a calibration knows of a facility: today its distortion D.
+/// What a calibration knows of a facility: D, and D^-1 with its dependence on irradiance.
 #[derive(Debug, Clone)]
 pub struct Calibration {
     /// Name of the setup it belongs to.
     pub setup: String,
     /// Where the figures come from.
     pub source: String,
-    /// D: what the facility does to a line of sight.
+    /// D: what the facility does to a line of sight; of a calibration with an inverse, at its reference irradiance.
     pub distortion: Distortion,
+    /// D^-1 as it was fitted, for points of light; absent in calibrations that state D alone.
+    pub inverse: Option<InverseDistortion>,
     /// The file it was read from.
     pub file: PathBuf,
 }
@@ -28,6 +31,29 @@ struct CalibrationFile {
     #[serde(default)]
     source: String,
     distortion: DistortionFile,
+    inverse: Option<InverseFile>,
+    provenance: Option<ProvenanceFile>,
+    /// For readers of the file; nothing here depends on it.
+    #[serde(default, rename = "covariance")]
+    _covariance: Option<serde::de::IgnoredAny>,
+}
+
+/// D^-1(r, L): rows `[i, j, k, a, b]`, the undistorted x gains a x^i y^j L^k and y gains b x^i y^j L^k.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct InverseFile {
+    reference_log10_irradiance: f64,
+    range_log10_irradiance: [f64; 2],
+    terms: Vec<(f64, f64, f64, f64, f64)>,
+}
+
+/// What it was measured with; further keys are for people.
+#[derive(Deserialize)]
+struct ProvenanceFile {
+    /// f_x, f_y, c_x, c_y of K_f.
+    k_f_px: [f64; 4],
+    /// f_x, f_y, c_x, c_y of C, and its size.
+    camera_px: [f64; 6],
 }
 
 #[derive(Deserialize)]
@@ -58,22 +84,13 @@ impl Calibration {
                 .expected(format!("`{}`", setup.name))
                 .help("use this setup's own calibration; distortion changes with the magnification"));
         }
+        if let Some(provenance) = &file.provenance {
+            provenance.check(path, setup)?;
+        }
         let mut terms = Vec::new();
         for (row, &(i, j, a, b)) in file.distortion.terms.iter().enumerate() {
             let place = format!("key `distortion.terms`, row {}", row + 1);
-            let degree = f64::from(MAX_DEGREE);
-            let whole = |power: f64| power.fract() == 0.0 && (0.0..=degree).contains(&power);
-            if !whole(i) || !whole(j) || i + j > degree {
-                return Err(InputError::new(path, "the powers of x and y do not fit")
-                    .at(place)
-                    .found(format!("x^{i} y^{j}"))
-                    .expected(format!("whole numbers from 0, together at most {MAX_DEGREE}")));
-            }
-            if !a.is_finite() || !b.is_finite() {
-                return Err(InputError::new(path, "a coefficient is not finite")
-                    .at(place)
-                    .found(format!("{a}, {b}")));
-            }
+            check_term(path, &place, &[i, j], &[a, b])?;
             terms.push((i as u32, j as u32, a, b));
         }
         let distortion = Distortion::from_terms(&terms);
@@ -82,6 +99,77 @@ impl Calibration {
                 .at("key `distortion.terms`")
                 .help("check the coefficients: D must be one-to-one over the screen")
         })?;
-        Ok(Self { setup: file.setup, source: file.source, distortion, file: path.to_path_buf() })
+        let inverse = file.inverse.map(|inverse| inverse.checked(path)).transpose()?;
+        Ok(Self { setup: file.setup, source: file.source, distortion, inverse, file: path.to_path_buf() })
+    }
+}
+
+/// Powers (the first two of x and y, a third of L) and coefficients of a row.
+fn check_term(path: &Path, place: &str, powers: &[f64], coefficients: &[f64]) -> Result<(), InputError> {
+    let degree = f64::from(MAX_DEGREE);
+    let whole = |power: &f64| power.fract() == 0.0 && (0.0..=degree).contains(power);
+    if !powers.iter().all(whole) || powers[0] + powers[1] > degree {
+        return Err(InputError::new(path, "the powers of x and y do not fit")
+            .at(place)
+            .found(format!("x^{} y^{}", powers[0], powers[1]))
+            .expected(format!("whole numbers from 0, together at most {MAX_DEGREE}")));
+    }
+    if !coefficients.iter().all(|c| c.is_finite()) {
+        return Err(InputError::new(path, "a coefficient is not finite")
+            .at(place)
+            .found(format!("{coefficients:?}")));
+    }
+    Ok(())
+}
+
+impl ProvenanceFile {
+    /// The name alone does not say that nothing was changed since.
+    fn check(&self, path: &Path, setup: &Setup) -> Result<(), InputError> {
+        let (k, c) = (setup.facility_pinhole(), setup.camera_pinhole());
+        let k_f_px = [k.fx_px, k.fy_px, k.cx_px, k.cy_px];
+        let size = [f64::from(c.width_px), f64::from(c.height_px)];
+        let camera_px = [c.fx_px, c.fy_px, c.cx_px, c.cy_px, size[0], size[1]];
+        // Digits are lost where a file is written by hand; a millionth of a pixel focal length is none.
+        let same =
+            |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-6 * b.abs().max(1.0));
+        let (key, what, found, expected) = if !same(&self.k_f_px, &k_f_px) {
+            ("k_f_px", "K_f", &self.k_f_px[..], &k_f_px[..])
+        } else if !same(&self.camera_px, &camera_px) {
+            ("camera_px", "camera", &self.camera_px[..], &camera_px[..])
+        } else {
+            return Ok(());
+        };
+        Err(InputError::new(path, format!("the calibration was made with another {what}"))
+            .at(format!("key `provenance.{key}`"))
+            .found(format!("{found:?}"))
+            .expected(format!("{expected:?}, those of setup `{}`", setup.name))
+            .help("calibrate again after a change of the setup"))
+    }
+}
+
+impl InverseFile {
+    fn checked(self, path: &Path) -> Result<InverseDistortion, InputError> {
+        let mut terms = Vec::new();
+        for (row, &(i, j, k, a, b)) in self.terms.iter().enumerate() {
+            let place = format!("key `inverse.terms`, row {}", row + 1);
+            check_term(path, &place, &[i, j, k], &[a, b])?;
+            terms.push(([i as u32, j as u32, k as u32], DVec2::new(a, b)));
+        }
+        let [low, high] = self.range_log10_irradiance;
+        if !(low.is_finite()
+            && high.is_finite()
+            && low <= high
+            && self.reference_log10_irradiance.is_finite())
+        {
+            return Err(InputError::new(path, "the range of irradiance is none")
+                .at("key `inverse.range_log10_irradiance`")
+                .found(format!("[{low}, {high}]"))
+                .expected("two finite numbers, the lower one first, and a finite reference"));
+        }
+        Ok(InverseDistortion {
+            terms,
+            reference_log10_irradiance: self.reference_log10_irradiance,
+            range_log10_irradiance: self.range_log10_irradiance,
+        })
     }
 }

@@ -7,12 +7,14 @@
 //! - [`Setup`]: one facility configuration, from `setup.toml`.
 //! - [`Pinhole`]: intrinsics K and an image size (eqs. 11-13 of the paper).
 //! - [`Distortion`]: D, what the facility does to a line of sight, and its inverse.
+//! - [`InverseDistortion`]: the calibrated D^-1, which depends on the irradiance of a point.
 //! - [`WarpMap`]: which source position an output pixel reads, upstream and downstream.
 //! - [`limb_ellipse`]: the outline of a sphere or ellipsoid in a pinhole image.
 
 mod bench_setup;
 mod calibration;
 mod distortion;
+mod inverse;
 mod limb;
 mod pinhole;
 mod setup;
@@ -21,6 +23,7 @@ mod warp;
 pub use bench_setup::{NoiseSetup, OpticsSetup};
 pub use calibration::Calibration;
 pub use distortion::{Distortion, DistortionError, MAX_DEGREE, term_count};
+pub use inverse::{InverseDistortion, InverseTerm};
 pub use limb::{LimbEllipse, limb_ellipse};
 pub use pinhole::Pinhole;
 pub use setup::{CameraSetup, FacilitySetup, Intrinsics, ResponseSetup, ScreenSetup, Setup};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use retina_files::{InputError, hash_bytes, hash_file, parse_toml, read_text};
-use retina_geometry::{Calibration, Distortion, Setup};
+use retina_geometry::{Calibration, Setup};
 use retina_model::{external_files, load_body};
 use retina_render::Quality;
 use retina_screen::Quantisation;
@@ -41,7 +41,10 @@ impl Scene {
         let setup_file = folder.join(&file.setup);
         let setup = Setup::read(&setup_file).map_err(|error| error.named_by(path, "setup"))?;
         input("setup".into(), hash_file(&setup_file)?);
-        let distortion = distortion(path, &file, &setup, &mut input)?;
+        let (distortion, inverse) = match calibration(path, &file, &setup, &mut input)? {
+            Some(calibration) => (Some(calibration.distortion), calibration.inverse),
+            None => (None, None),
+        };
         check_names(path, &file.body)?;
         let names: Vec<String> = file.body.iter().map(|body| body.name.clone()).collect();
         let (trajectory, hash) = sequence::trajectory(path, &file, &names, &setup)?;
@@ -71,6 +74,7 @@ impl Scene {
             },
             compensation: file.compensation.mode,
             distortion,
+            inverse,
             bodies,
             stars,
             quality: match file.render.quality {
@@ -121,13 +125,13 @@ fn read_stars(
     Ok(Stars { catalogue, faintest_magnitude: table.faintest_magnitude, planets: table.planets })
 }
 
-/// D, where the scene compensates; a calibration that is named is read in any case.
-fn distortion(
+/// The calibration, where the scene compensates; one that is named is read in any case.
+fn calibration(
     path: &Path,
     file: &SceneFile,
     setup: &Setup,
     input: &mut impl FnMut(String, String),
-) -> Result<Option<Distortion>, InputError> {
+) -> Result<Option<Calibration>, InputError> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let table = &file.compensation;
     let own = table.calibration.as_ref().map(|calibration| folder.join(calibration));
@@ -146,7 +150,7 @@ fn distortion(
     let read = Calibration::read(&calibration, setup)
         .map_err(|error| error.named_by(path, "compensation.calibration"))?;
     input("calibration".into(), hash_file(&calibration)?);
-    Ok(compensates.then_some(read.distortion))
+    Ok(compensates.then_some(read))
 }
 
 fn check_names(path: &Path, bodies: &[BodyTable]) -> Result<(), InputError> {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use retina_files::{InputError, hash_bytes};
-use retina_geometry::{Distortion, Pinhole, Setup};
+use retina_geometry::{Distortion, InverseDistortion, Pinhole, Setup};
 use retina_model::Body;
 use retina_radiometry::Photometry;
 use retina_render::{BodyModel, Quality};
@@ -36,6 +36,8 @@ pub struct Scene {
     pub compensation: Compensation,
     /// D, where it is undone.
     pub distortion: Option<Distortion>,
+    /// The calibrated D^-1, where it is undone and the calibration has it: places points of light.
+    pub inverse: Option<InverseDistortion>,
     /// The bodies, in the file's order.
     pub bodies: Vec<SceneBody>,
     /// Stars and planets, where they are shown.
@@ -76,6 +78,7 @@ pub struct SceneParts {
     pub radiance_scale: RadianceScale,
     pub compensation: Compensation,
     pub distortion: Option<Distortion>,
+    pub inverse: Option<InverseDistortion>,
     pub bodies: Vec<BodyParts>,
     pub stars: Option<Stars>,
     pub quality: Quality,
@@ -179,6 +182,7 @@ impl Scene {
             radiance_scale: parts.radiance_scale,
             compensation: parts.compensation,
             distortion: parts.distortion,
+            inverse: parts.inverse,
             bodies,
             quality: parts.quality,
             output: parts.output,

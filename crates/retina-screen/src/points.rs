@@ -1,7 +1,7 @@
 //! Stars and planets on the screen.
 
 use glam::DVec2;
-use retina_geometry::{Distortion, Pinhole};
+use retina_geometry::{Distortion, InverseDistortion, Pinhole};
 use retina_radiometry::ScreenResponse;
 
 use crate::Splat;
@@ -13,6 +13,7 @@ pub struct PointPainter {
     response: ScreenResponse,
     image: Pinhole,
     distortion: Option<Distortion>,
+    inverse: Option<InverseDistortion>,
 }
 
 /// A point source that is on the screen.
@@ -27,14 +28,25 @@ pub struct Shown {
 impl PointPainter {
     /// For K_f, the distortion that is compensated beforehand, if any, and the screen's response.
     pub fn new(image: Pinhole, distortion: Option<Distortion>, response: ScreenResponse) -> Self {
-        Self { response, image, distortion }
+        Self { response, image, distortion, inverse: None }
     }
 
-    /// Where the screen shows a line of sight r: K_f D^-1(r), px; `None` where D has no inverse.
-    pub fn screen_px(&self, line_of_sight: DVec2) -> Option<DVec2> {
-        let undistorted = match &self.distortion {
-            None => line_of_sight,
-            Some(distortion) => distortion.undistort(line_of_sight).ok()?,
+    /// With the calibrated D^-1, which places each point by its own irradiance.
+    pub fn with_inverse(self, inverse: Option<InverseDistortion>) -> Self {
+        Self { inverse, ..self }
+    }
+
+    /// Where the screen shows a line of sight r of an irradiance (W m^-2 nm^-1 at the pupil): K_f D^-1(r), px; `None`
+    /// where D has no inverse. A calibrated D^-1 takes the irradiance relative to a white pixel at full count, held
+    /// within the range that was calibrated: fainter and brighter points are placed like those at its ends.
+    pub fn screen_px(&self, line_of_sight: DVec2, irradiance_w_m2_nm: f64) -> Option<DVec2> {
+        let undistorted = match (&self.distortion, &self.inverse) {
+            (None, _) => line_of_sight,
+            (Some(_), Some(inverse)) => {
+                let relative = irradiance_w_m2_nm / self.response.brightest_w_m2_nm();
+                inverse.undistort(line_of_sight, inverse.held(relative.log10()))
+            }
+            (Some(distortion), None) => distortion.undistort(line_of_sight).ok()?,
         };
         Some(self.image.pixel(undistorted))
     }
@@ -123,6 +135,26 @@ mod tests {
             let (a, b, c, d) = (corner(-0.5, -0.5), corner(0.5, -0.5), corner(0.5, 0.5), corner(-0.5, 0.5));
             let area = 0.5 * (c - a).cross(d - b).length() * 5661.2f64.powi(2);
             assert!((painter.relative_sr(center) / area - 1.0).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn a_point_is_placed_by_its_own_irradiance_within_the_calibrated_range() {
+        // x gains 0.001 L; one pixel of the wide configuration is 1 / 5661.2, so 5.6612 px a decade.
+        let inverse = InverseDistortion {
+            terms: vec![([1, 0, 0], DVec2::X), ([0, 1, 0], DVec2::Y), ([0, 0, 1], DVec2::new(1e-3, 0.0))],
+            reference_log10_irradiance: 0.0,
+            range_log10_irradiance: [-2.0, 0.0],
+        };
+        let response = ScreenResponse::power_law(2.2, -1.44);
+        let full = response.brightest_w_m2_nm();
+        let painter =
+            PointPainter::new(wide(), Some(Distortion::identity()), response).with_inverse(Some(inverse));
+        let x = |relative: f64| painter.screen_px(DVec2::ZERO, relative * full).unwrap().x - 960.0;
+        for (relative, expected) in
+            [(1.0, 0.0), (0.1, -5.6612), (1e-2, -11.3224), (1e-4, -11.3224), (10.0, 0.0)]
+        {
+            assert!((x(relative) - expected).abs() < 1e-9, "{relative}: {}", x(relative));
         }
     }
 

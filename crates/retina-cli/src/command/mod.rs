@@ -2,8 +2,10 @@
 
 pub(crate) mod adapter;
 pub(crate) mod body;
+pub(crate) mod calibrate;
 pub(crate) mod corto;
 pub(crate) mod optics;
+pub(crate) mod pattern;
 pub(crate) mod render;
 pub(crate) mod serve;
 pub(crate) mod sheet;

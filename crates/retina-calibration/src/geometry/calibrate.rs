@@ -1,0 +1,376 @@
+//! The calibration as a whole: checks, weights, form, coefficients, errors.
+
+use glam::DVec2;
+use rand::SeedableRng as _;
+use rand::seq::SliceRandom as _;
+use retina_files::InputError;
+use retina_geometry::{Distortion, InverseDistortion, Setup};
+
+use super::checks::check;
+use super::direct::{self, DirectFit};
+use super::errors::{ErrorSummary, angle_arcsec};
+use super::fit::{Fit, Gram, grams, predict, robust_weights};
+use super::form::{ModelForm, Scaling, Term};
+use super::noise::{Robust, Weights};
+use super::observations::Observations;
+use super::physical::PhysicalFit;
+use super::select::{self, Rung};
+use super::table::PointsTable;
+
+/// What is asked of a calibration.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CalibrateOptions {
+    /// Without terms in the irradiance (the paper's Fig. 10b).
+    pub plain: bool,
+    /// A form given outright instead of one chosen on exposures left out.
+    pub form: Option<ModelForm>,
+    /// log10 of the irradiance (relative to white at full count) at which D is given; the points' median where absent.
+    pub reference_log10_irradiance: Option<f64>,
+}
+
+/// The result of a calibration.
+#[derive(Debug, Clone)]
+pub struct GeometryCalibration {
+    /// The form of D^-1.
+    pub form: ModelForm,
+    /// Terms of D^-1: powers of x, y, L.
+    pub terms: Vec<Term>,
+    /// Coefficients of the terms for x and y (gamma of the paper).
+    pub coefficients: Vec<DVec2>,
+    /// Covariance of the coefficients of one axis, row by row; those of the other axis have the same, and the two are
+    /// independent.
+    pub covariance: Vec<f64>,
+    /// L at which D is given.
+    pub reference_log10_irradiance: f64,
+    /// Lowest and highest L of the points.
+    pub range_log10_irradiance: [f64; 2],
+    /// D at the reference.
+    pub direct: DirectFit,
+    /// The physical model beside it.
+    pub physical: Option<PhysicalFit>,
+    /// Forms tried.
+    pub ladder: Vec<Rung>,
+    /// Rows of the table.
+    pub rows: usize,
+    /// Saturated rows left out.
+    pub saturated: usize,
+    /// Rows that are outliers (not fitted).
+    pub outliers: usize,
+    /// Exposures.
+    pub exposures: usize,
+    /// Standard deviation per axis of the common shift of an exposure, arcsec.
+    pub jitter_arcsec: f64,
+    /// Errors of the fitted points.
+    pub errors: ErrorSummary,
+    /// Errors of the same points from fits without their exposures.
+    pub heldout: ErrorSummary,
+    /// Whether single points were left out, there being too few exposures.
+    pub heldout_by_points: bool,
+    /// For each row of the table that was used: its result.
+    pub points: Vec<PointResult>,
+}
+
+/// What became of a row of the table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PointResult {
+    /// Row of the table.
+    pub row: usize,
+    /// Measured line of sight.
+    pub sight: DVec2,
+    /// K_f^-1 R^s - D^-1(r), tangent plane.
+    pub residual: DVec2,
+    /// Standard deviation per axis that it was weighted with, rad (without the exposure's common shift).
+    pub sigma: f64,
+    /// L.
+    pub log10_irradiance: f64,
+    /// Angle between the measured line of sight and that of the model, arcsec.
+    pub error_arcsec: f64,
+    /// The same by a fit without its exposure.
+    pub heldout_arcsec: f64,
+    /// Not fitted.
+    pub outlier: bool,
+}
+
+/// Fewer exposures than this are not left out one after another; single points are.
+const FEWEST_EXPOSURES: usize = 3;
+
+/// Calibrates a setup with points.
+///
+/// # Errors
+/// The table is refused (too few points, on a line, all saturated, columns that do not belong together), or its points
+/// do not determine a mapping that can be inverted over the screen.
+pub fn calibrate(
+    table: &PointsTable,
+    setup: &Setup,
+    options: &CalibrateOptions,
+) -> Result<GeometryCalibration, InputError> {
+    let mut observations = Observations::of(table, setup);
+    check(table, &observations, setup)?;
+    let exposures = observations.exposures.len();
+    let heldout_by_points = exposures < FEWEST_EXPOSURES;
+    if heldout_by_points {
+        observations.part_at_random();
+    }
+    let file = table.files.first().map(|(path, _)| path.clone()).unwrap_or_default();
+    let undetermined = || {
+        InputError::new(&file, "the points do not determine the mapping")
+            .found(format!("{} unsaturated points in {exposures} exposures", observations.len()))
+            .help("display more points, spread over the whole screen and several digital counts")
+    };
+    let groups = select::folds(observations.exposures.len());
+    let scaling = Scaling::of(observations.sight.iter().copied().zip(observations.l.iter().copied()));
+    let widest = select::widest(&observations, options.plain);
+    let follow = ModelForm {
+        degree: widest.degree.min(5),
+        irradiance_degree: widest.irradiance_degree.min(widest.degree.min(5)),
+        irradiance_power: widest.irradiance_power.min(2),
+    };
+    let rounds = [Robust::Huber, Robust::Huber, Robust::Huber, Robust::Tukey, Robust::Tukey, Robust::Cut];
+    let weights = first_weights(&observations, follow, &scaling, &rounds).ok_or_else(undetermined)?;
+    let (ladder, chosen) =
+        select::ladder(&observations, &groups, widest, &scaling, &weights).ok_or_else(undetermined)?;
+    let form = options.form.unwrap_or(chosen);
+    let again = [Robust::Tukey, Robust::Cut];
+    let (mut weights, _) =
+        robust_weights(&observations, &groups, form, &scaling, &again, weights).ok_or_else(undetermined)?;
+    let fit = Fit::by_qr(&observations, &groups, form, &scaling, &weights).ok_or_else(undetermined)?;
+    let fitted = fit.predict(&observations, &scaling);
+    let residuals: Vec<DVec2> = observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
+    // The covariance takes the residuals' own scale: reduced chi-square of the whitened rows.
+    let reduced = reduced_chi_square(&observations, &residuals, &weights, form.len());
+    for weight in &mut weights.inverse_variance {
+        *weight /= reduced;
+    }
+    for sigma in &mut weights.sigma {
+        *sigma *= reduced.sqrt();
+    }
+    weights.jitter_variance *= reduced;
+    let inverse = inverse_of(&fit, &scaling, options, &observations);
+    let direct = direct::fit(&inverse.at(inverse.reference_log10_irradiance), &setup.facility_pinhole())
+        .ok_or_else(|| {
+            InputError::new(&file, "the mapping found cannot be inverted over the screen")
+                .help("the points do not cover the screen: add some near its edges, or give a lower --degree")
+        })?;
+    let direct_map = Distortion::from_terms(&direct.terms);
+    direct_map.check_over(&setup.facility_pinhole()).map_err(|error| {
+        InputError::new(&file, format!("the mapping found is no camera's: {error}"))
+            .help("the points do not cover the screen: add some near its edges, or give a lower --degree")
+    })?;
+    let heldout =
+        heldout_residuals(&observations, &groups, &fit, &scaling, &weights).ok_or_else(undetermined)?;
+    let points = results(&observations, &inverse, &residuals, &heldout, &weights);
+    let used = |of: fn(&PointResult) -> f64| {
+        ErrorSummary::of(points.iter().filter(|p| !p.outlier).map(of).collect())
+    };
+    let reference = inverse.reference_log10_irradiance;
+    let steady: Vec<DVec2> = (0..observations.len())
+        .map(|i| {
+            let r = observations.sight[i];
+            observations.undistorted[i] - inverse.undistort(r, observations.l[i])
+                + inverse.undistort(r, reference)
+        })
+        .collect();
+    let n = fit.terms.len();
+    let change = scaling.monomials_from_basis(&fit.terms);
+    let matrix = faer::Mat::<f64>::from_fn(n, n, |i, j| change[i * n + j]);
+    let covariance = &matrix * &fit.covariance * matrix.transpose();
+    Ok(GeometryCalibration {
+        form,
+        coefficients: inverse.terms.iter().map(|term| term.1).collect(),
+        covariance: (0..n * n).map(|at| reduced * covariance[(at / n, at % n)]).collect(),
+        terms: fit.terms,
+        reference_log10_irradiance: reference,
+        range_log10_irradiance: inverse.range_log10_irradiance,
+        physical: PhysicalFit::fit(&observations, &steady, &weights),
+        direct,
+        ladder,
+        rows: table.rows.len(),
+        saturated: observations.saturated,
+        outliers: points.iter().filter(|p| p.outlier).count(),
+        exposures,
+        jitter_arcsec: weights.jitter_variance.sqrt().to_degrees() * 3600.0,
+        errors: used(|p| p.error_arcsec),
+        heldout: used(|p| p.heldout_arcsec),
+        heldout_by_points,
+        points,
+    })
+}
+
+/// Points that the first weights are found with: outliers and noise show in these as well as in more.
+const SAMPLE: usize = 12_000;
+
+/// Weights of all points from a robust fit to a sample of them.
+fn first_weights(
+    observations: &Observations,
+    form: ModelForm,
+    scaling: &Scaling,
+    rounds: &[Robust],
+) -> Option<Weights> {
+    let sample = observations.sample(observations.len().div_ceil(SAMPLE));
+    let groups = select::folds(sample.exposures.len());
+    let start = Weights::equal(sample.len());
+    let (weights, coefficients) = robust_weights(&sample, &groups, form, scaling, rounds, start)?;
+    if sample.len() == observations.len() {
+        return Some(weights);
+    }
+    let fitted = predict(observations, scaling, &form.terms(), &coefficients);
+    let residuals: Vec<DVec2> = observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
+    let mut all = Weights::crude(&residuals);
+    for _ in 0..2 {
+        all.update(observations, &residuals, form.len(), form.irradiance_power as usize, Robust::Cut);
+    }
+    Some(all)
+}
+
+/// Squares of the whitened residuals over their degrees of freedom.
+fn reduced_chi_square(
+    observations: &Observations,
+    residuals: &[DVec2],
+    weights: &Weights,
+    columns: usize,
+) -> f64 {
+    let (mut squares, mut count) = (0.0, 0usize);
+    for (_, range) in &observations.exposures {
+        let (mut sum, mut mean) = (0.0, DVec2::ZERO);
+        for i in range.clone() {
+            let weight = weights.inverse_variance[i];
+            sum += weight;
+            mean += weight * residuals[i];
+            squares += weight * residuals[i].length_squared();
+            count += usize::from(weight > 0.0);
+        }
+        let variance = weights.jitter_variance;
+        squares -= variance / (1.0 + variance * sum) * mean.length_squared();
+    }
+    squares / (2.0 * (count as f64 - columns as f64).max(1.0))
+}
+
+/// D^-1 in monomials, with its reference and range.
+fn inverse_of(
+    fit: &Fit,
+    scaling: &Scaling,
+    options: &CalibrateOptions,
+    observations: &Observations,
+) -> InverseDistortion {
+    let n = fit.terms.len();
+    let change = scaling.monomials_from_basis(&fit.terms);
+    let terms =
+        fit.terms.iter().enumerate().map(|(row, term)| {
+            (*term, (0..n).map(|c| fit.coefficients[c] * change[row * n + c]).sum::<DVec2>())
+        });
+    let mut l = observations.l.clone();
+    l.sort_by(f64::total_cmp);
+    let range = [l[0], l[l.len() - 1]];
+    InverseDistortion {
+        terms: terms.collect(),
+        reference_log10_irradiance: options.reference_log10_irradiance.unwrap_or(l[l.len() / 2]),
+        range_log10_irradiance: range,
+    }
+}
+
+/// Residuals of each group of exposures by the fit to the others.
+fn heldout_residuals(
+    observations: &Observations,
+    groups: &[Vec<usize>],
+    fit: &Fit,
+    scaling: &Scaling,
+    weights: &Weights,
+) -> Option<Vec<DVec2>> {
+    let all: Vec<usize> = (0..fit.terms.len()).collect();
+    // The fit's own residuals are what is fitted: the normal equations then lose no digits.
+    let fitted = predict(observations, scaling, &fit.terms, &fit.coefficients);
+    let target: Vec<DVec2> = observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
+    let folds = grams(observations, groups, &fit.terms, scaling, &target, weights);
+    let total = Gram::sum(folds.iter())?;
+    let mut out = target.clone();
+    let mut values = vec![0.0; all.len()];
+    for (group, fold) in groups.iter().zip(&folds) {
+        let change = total.without(fold).solve(&all)?;
+        for &exposure in group {
+            for i in observations.exposures[exposure].1.clone() {
+                scaling.fill(observations.sight[i], observations.l[i], &fit.terms, &mut values);
+                out[i] -= values.iter().zip(&change).map(|(value, c)| *c * *value).sum::<DVec2>();
+            }
+        }
+    }
+    Some(out)
+}
+
+fn results(
+    observations: &Observations,
+    inverse: &InverseDistortion,
+    residuals: &[DVec2],
+    heldout: &[DVec2],
+    weights: &Weights,
+) -> Vec<PointResult> {
+    let mut out: Vec<PointResult> = (0..observations.len())
+        .map(|i| {
+            let sight = observations.sight[i];
+            // The line of sight at which the model shows the point: one Newton step from the measured one, whose
+            // error is of second order in a residual of arcseconds.
+            let jacobian = inverse.jacobian(sight, observations.l[i]);
+            let angle = |residual: DVec2| angle_arcsec(sight, sight + jacobian.inverse() * residual);
+            PointResult {
+                row: observations.row[i],
+                sight,
+                residual: residuals[i],
+                sigma: weights.sigma[i],
+                log10_irradiance: observations.l[i],
+                error_arcsec: angle(residuals[i]),
+                heldout_arcsec: angle(heldout[i]),
+                outlier: weights.outlier[i],
+            }
+        })
+        .collect();
+    out.sort_by_key(|point| point.row);
+    out
+}
+
+impl Observations {
+    /// Every `stride`-th point of each exposure.
+    fn sample(&self, stride: usize) -> Self {
+        let pick = |range: &std::ops::Range<usize>| range.clone().step_by(stride).collect::<Vec<_>>();
+        let order: Vec<usize> = self.exposures.iter().flat_map(|(_, range)| pick(range)).collect();
+        let mut exposures = Vec::with_capacity(self.exposures.len());
+        let mut start = 0;
+        for (image, range) in &self.exposures {
+            let end = start + range.len().div_ceil(stride);
+            exposures.push((*image, start..end));
+            start = end;
+        }
+        Self {
+            sight: order.iter().map(|&i| self.sight[i]).collect(),
+            undistorted: order.iter().map(|&i| self.undistorted[i]).collect(),
+            l: order.iter().map(|&i| self.l[i]).collect(),
+            noise_key: order.iter().map(|&i| self.noise_key[i]).collect(),
+            row: order.iter().map(|&i| self.row[i]).collect(),
+            exposures,
+            saturated: self.saturated,
+        }
+    }
+
+    /// Parts few exposures into ten random groups each, so that points can be left out instead.
+    fn part_at_random(&mut self) {
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let mut order: Vec<usize> = Vec::with_capacity(self.len());
+        let mut parts = Vec::new();
+        for (image, range) in &self.exposures {
+            let mut own: Vec<usize> = range.clone().collect();
+            own.shuffle(&mut random);
+            order.extend(&own);
+            let count = own.len();
+            let ends = (0..=10).map(|part| range.start + part * count / 10);
+            let ends: Vec<usize> = ends.collect();
+            parts.extend(ends.windows(2).filter(|w| w[1] > w[0]).map(|w| (*image, w[0]..w[1])));
+        }
+        fn pick<T: Copy>(values: &mut Vec<T>, order: &[usize]) {
+            *values = order.iter().map(|&i| values[i]).collect();
+        }
+        pick(&mut self.sight, &order);
+        pick(&mut self.undistorted, &order);
+        pick(&mut self.l, &order);
+        pick(&mut self.noise_key, &order);
+        pick(&mut self.row, &order);
+        self.exposures = parts;
+    }
+}

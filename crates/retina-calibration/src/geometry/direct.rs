@@ -1,0 +1,86 @@
+//! D at the reference irradiance, so that D and D^-1 undo each other over the screen.
+
+use faer::Mat;
+use faer::linalg::solvers::SolveLstsq as _;
+use glam::DVec2;
+use retina_geometry::{Distortion, MAX_DEGREE, Pinhole};
+
+use super::form::{ModelForm, Scaling};
+
+/// The direct polynomial of eq. "r = D(r_u, beta)", fitted to the inverse of D^-1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DirectFit {
+    /// Rows (i, j, a, b).
+    pub terms: Vec<(u32, u32, f64, f64)>,
+    /// Its degree.
+    pub degree: u32,
+    /// Largest angle between D^-1(D(r_u)) and r_u over the screen, arcsec.
+    pub worst_arcsec: f64,
+}
+
+/// D and D^-1 are inverse to each other to this, arcsec.
+const WANTED_ARCSEC: f64 = 0.01;
+
+/// Fits D of the lowest degree that undoes `inverse` (D^-1 at one irradiance) over the screen to 0.01 arcsec, or of the
+/// highest there is; `None` where D^-1 cannot be inverted somewhere on the screen.
+pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole) -> Option<DirectFit> {
+    // Chebyshev's places, denser towards the edges, where the error of a polynomial is largest.
+    const SIDE: usize = 40;
+    let place = |i: usize| 0.5 - 0.5 * (std::f64::consts::PI * (i as f64 + 0.5) / SIDE as f64).cos();
+    let size = DVec2::new(f64::from(screen.width_px), f64::from(screen.height_px));
+    let mut undistorted = Vec::new();
+    let mut sights = Vec::new();
+    for row in 0..SIDE {
+        for column in 0..SIDE {
+            let at = screen.line_of_sight(DVec2::new(place(column), place(row)) * size);
+            undistorted.push(at);
+            sights.push(inverse.undistort(at).ok()?);
+        }
+    }
+    let scaling = Scaling::of(undistorted.iter().map(|u| (*u, 0.0)));
+    let mut best: Option<DirectFit> = None;
+    for degree in inverse.degree().max(3)..=MAX_DEGREE {
+        let terms = ModelForm::plain(degree).terms();
+        let n = terms.len();
+        let mut values = vec![0.0; n];
+        let mut matrix = Mat::<f64>::zeros(undistorted.len(), n);
+        for (row, u) in undistorted.iter().enumerate() {
+            scaling.fill(*u, 0.0, &terms, &mut values);
+            for (column, value) in values.iter().enumerate() {
+                matrix[(row, column)] = *value;
+            }
+        }
+        let right = Mat::<f64>::from_fn(sights.len(), 2, |row, axis| sights[row][axis]);
+        let solution = matrix.qr().solve_lstsq(&right);
+        let change = scaling.monomials_from_basis(&terms);
+        let monomial = |row: usize, axis: usize| -> f64 {
+            (0..n).map(|c| change[row * n + c] * solution[(c, axis)]).sum()
+        };
+        let rows: Vec<(u32, u32, f64, f64)> =
+            terms.iter().enumerate().map(|(i, t)| (t[0], t[1], monomial(i, 0), monomial(i, 1))).collect();
+        let worst_arcsec = worst(&Distortion::from_terms(&rows), inverse, screen);
+        if best.as_ref().is_none_or(|best| worst_arcsec < best.worst_arcsec) {
+            best = Some(DirectFit { terms: rows, degree, worst_arcsec });
+        }
+        if worst_arcsec <= WANTED_ARCSEC {
+            break;
+        }
+    }
+    best
+}
+
+/// Largest angle between D^-1(D(r_u)) and r_u on a regular grid over the screen, its border included, arcsec.
+fn worst(direct: &Distortion, inverse: &Distortion, screen: &Pinhole) -> f64 {
+    const SIDE: u32 = 60;
+    let size = DVec2::new(f64::from(screen.width_px), f64::from(screen.height_px));
+    let mut worst = 0.0f64;
+    for row in 0..=SIDE {
+        for column in 0..=SIDE {
+            let at = DVec2::new(f64::from(column), f64::from(row)) / f64::from(SIDE) * size;
+            let undistorted = screen.line_of_sight(at);
+            let back = inverse.distort(direct.distort(undistorted));
+            worst = worst.max(super::errors::angle_arcsec(back, undistorted));
+        }
+    }
+    worst
+}

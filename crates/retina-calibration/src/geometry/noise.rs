@@ -1,0 +1,161 @@
+//! Noise of the centroids: its dependence on brightness, common shifts of exposures, weights and outliers.
+
+use glam::DVec2;
+
+use super::observations::Observations;
+
+/// Points further off than this many sigmas of one axis are outliers; a two-dimensional normal
+/// error is so with exp(-4.5^2 / 2) = 4e-5.
+const OUTLIER_SIGMAS: f64 = 4.5;
+/// Median of the length of a two-dimensional normal error, in sigmas of one axis: sqrt(2 ln 2).
+const MEDIAN_LENGTH: f64 = 1.177_41;
+/// Huber's and Tukey's tuning constants for lengths in the plane: 95 % efficiency at the normal distribution.
+const HUBER: f64 = 1.7;
+const TUKEY: f64 = 5.1;
+
+/// How residuals become weights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Robust {
+    Huber,
+    Tukey,
+    /// 1 or 0, so that the covariance is that of weighted least squares.
+    Cut,
+}
+
+/// Weights of a fit.
+#[derive(Debug, Clone)]
+pub(crate) struct Weights {
+    /// Inverse variance per axis of each point, times its robust weight, rad^-2; 0: outlier.
+    pub(crate) inverse_variance: Vec<f64>,
+    /// Standard deviation of each centroid per axis, rad.
+    pub(crate) sigma: Vec<f64>,
+    /// Variance per axis of the common shift of an exposure, rad^2.
+    pub(crate) jitter_variance: f64,
+    pub(crate) outlier: Vec<bool>,
+}
+
+impl Weights {
+    /// All alike, nothing known.
+    pub(crate) fn equal(count: usize) -> Self {
+        Self {
+            inverse_variance: vec![1.0; count],
+            sigma: vec![1.0; count],
+            jitter_variance: 0.0,
+            outlier: vec![false; count],
+        }
+    }
+
+    /// From residuals alone: within six typical lengths, or out.
+    pub(crate) fn crude(residuals: &[DVec2]) -> Self {
+        let mut lengths: Vec<f64> = residuals.iter().map(|r| r.length()).collect();
+        let middle = lengths.len() / 2;
+        let sigma = (*lengths.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN_LENGTH).max(5e-12);
+        let outlier: Vec<bool> = residuals.iter().map(|r| r.length() > 6.0 * sigma).collect();
+        let inverse_variance =
+            outlier.iter().map(|&out| if out { 0.0 } else { 1.0 / (sigma * sigma) }).collect();
+        Self { inverse_variance, sigma: vec![sigma; residuals.len()], jitter_variance: 0.0, outlier }
+    }
+
+    /// Factor kappa by which the weighted mean of an exposure's rows is taken off them, so that errors with a common
+    /// shift become independent: V^(-1/2) = W^(1/2) (1 - kappa u u^T), u the unit vector of the root weights.
+    pub(crate) fn whitening(&self, sum_of_weights: f64) -> f64 {
+        1.0 - 1.0 / (1.0 + self.jitter_variance * sum_of_weights).sqrt()
+    }
+
+    /// New weights from residuals (rad) of a fit with `columns` coefficients per axis, of which
+    /// `steady` are functions of the irradiance alone.
+    pub(crate) fn update(
+        &mut self,
+        observations: &Observations,
+        residuals: &[DVec2],
+        columns: usize,
+        steady: usize,
+        robust: Robust,
+    ) {
+        let shifts = self.estimate_shifts(observations, residuals, steady);
+        let length: Vec<f64> = observations
+            .exposures
+            .iter()
+            .zip(&shifts)
+            .flat_map(|((_, range), shift)| {
+                residuals[range.clone()].iter().map(move |r| (*r - *shift).length())
+            })
+            .collect();
+        self.sigma = sigmas(&observations.noise_key, &length, &self.outlier, columns + shifts.len());
+        for i in 0..length.len() {
+            let t = length[i] / self.sigma[i];
+            self.outlier[i] = t > OUTLIER_SIGMAS;
+            let factor = match robust {
+                Robust::Huber => (HUBER / t).min(1.0),
+                Robust::Tukey => (1.0 - (t / TUKEY).powi(2)).max(0.0).powi(2),
+                Robust::Cut => f64::from(u8::from(!self.outlier[i])),
+            };
+            self.inverse_variance[i] = factor / (self.sigma[i] * self.sigma[i]);
+        }
+    }
+
+    /// Moment estimate of the shifts' variance (R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986, eq. 8),
+    /// and each exposure's shift, shrunk by what its points' noise leaves uncertain.
+    fn estimate_shifts(
+        &mut self,
+        observations: &Observations,
+        residuals: &[DVec2],
+        steady: usize,
+    ) -> Vec<DVec2> {
+        let means: Vec<(f64, DVec2)> = observations
+            .exposures
+            .iter()
+            .map(|(_, range)| {
+                let weights = &self.inverse_variance[range.clone()];
+                let sum: f64 = weights.iter().sum();
+                let mean: DVec2 = residuals[range.clone()].iter().zip(weights).map(|(r, w)| *r * *w).sum();
+                (sum, if sum > 0.0 { mean / sum } else { DVec2::ZERO })
+            })
+            .collect();
+        let free = means.len() as f64 - 1.0 - steady as f64;
+        let total: f64 = means.iter().map(|(sum, _)| sum).sum();
+        let squares: f64 = means.iter().map(|(sum, _)| sum * sum).sum();
+        let known = self.sigma.iter().any(|&sigma| sigma != 1.0);
+        let spread: f64 = means.iter().map(|(sum, mean)| sum * mean.length_squared() / 2.0).sum();
+        let scale = total - squares / total;
+        self.jitter_variance =
+            if known && free >= 1.0 && scale > 0.0 { ((spread - free) / scale).max(0.0) } else { 0.0 };
+        let variance = self.jitter_variance;
+        means.iter().map(|(sum, mean)| *mean * (variance * sum / (1.0 + variance * sum))).collect()
+    }
+}
+
+/// Standard deviation per axis of each point: medians of the residuals' lengths over groups of equal brightness,
+/// log-linear in between.
+fn sigmas(key: &[f64], length: &[f64], outlier: &[bool], columns: usize) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..key.len()).filter(|&i| !outlier[i]).collect();
+    if order.is_empty() {
+        order = (0..key.len()).collect();
+    }
+    order.sort_by(|&a, &b| key[a].total_cmp(&key[b]));
+    let free = (order.len() as f64 / (order.len() as f64 - columns as f64).max(1.0)).sqrt();
+    let groups = (order.len() / 200).clamp(1, 16);
+    let nodes: Vec<(f64, f64)> = (0..groups)
+        .map(|group| {
+            let members = &order[group * order.len() / groups..(group + 1) * order.len() / groups];
+            let mut lengths: Vec<f64> = members.iter().map(|&i| length[i]).collect();
+            let middle = lengths.len() / 2;
+            let median = *lengths.select_nth_unstable_by(middle, f64::total_cmp).1;
+            let mean_key = members.iter().map(|&i| key[i]).sum::<f64>() / members.len() as f64;
+            // Exact data have no noise; 1e-6 arcsec keeps the weights finite.
+            (mean_key, (free * median / MEDIAN_LENGTH).max(5e-12).ln())
+        })
+        .collect();
+    key.iter().map(|&k| interpolate(&nodes, k).exp()).collect()
+}
+
+/// Linear between nodes, level beyond them.
+fn interpolate(nodes: &[(f64, f64)], at: f64) -> f64 {
+    let next = nodes.partition_point(|node| node.0 < at);
+    if next == 0 {
+        return nodes[0].1;
+    }
+    let Some(&(x1, y1)) = nodes.get(next) else { return nodes[nodes.len() - 1].1 };
+    let (x0, y0) = nodes[next - 1];
+    if x1 > x0 { y0 + (at - x0) / (x1 - x0) * (y1 - y0) } else { y1 }
+}

@@ -1,0 +1,92 @@
+//! What the fit sees of a table: lines of sight on both sides, L, and which exposure.
+
+use std::ops::Range;
+
+use glam::DVec2;
+use retina_geometry::Setup;
+use retina_radiometry::ScreenResponse;
+
+use super::table::{Channel, PointsTable};
+
+/// Unsaturated points, sorted by exposure.
+#[derive(Debug, Clone)]
+pub(crate) struct Observations {
+    /// Measured lines of sight C^-1(R^c).
+    pub(crate) sight: Vec<DVec2>,
+    /// Undistorted lines of sight K_f^-1 R^s (eq. 14).
+    pub(crate) undistorted: Vec<DVec2>,
+    /// log10 of the irradiance relative to white at full count.
+    pub(crate) l: Vec<f64>,
+    /// What the centroids' noise is told from: ln of sigma_px, else of 1 / flux, else of 1 / (irradiance, exposure).
+    pub(crate) noise_key: Vec<f64>,
+    /// Row of the table.
+    pub(crate) row: Vec<usize>,
+    /// Exposure id (index into the table's images) and its points.
+    pub(crate) exposures: Vec<(usize, Range<usize>)>,
+    /// Saturated rows that were left out.
+    pub(crate) saturated: usize,
+}
+
+/// L of a digital count: log10 of the irradiance of one pixel relative to white at 255, by the setup's response; a
+/// single channel has its share. Counts between whole ones are interpolated.
+pub fn log10_irradiance(response: &ScreenResponse, channel: Channel, digital_count: f64) -> f64 {
+    let of = |count: f64| {
+        let b = count as u8;
+        let counts = match channel {
+            Channel::R => [b, 0, 0],
+            Channel::G => [0, b, 0],
+            Channel::B => [0, 0, b],
+            Channel::W => [b; 3],
+        };
+        response.irradiance_w_m2_nm(counts)
+    };
+    let low = digital_count.floor().clamp(0.0, 255.0);
+    let high = (low + 1.0).min(255.0);
+    let irradiance = of(low) + (digital_count - low) * (of(high) - of(low));
+    (irradiance / response.brightest_w_m2_nm()).log10()
+}
+
+impl Observations {
+    pub(crate) fn of(table: &PointsTable, setup: &Setup) -> Self {
+        let (facility, camera) = (setup.facility_pinhole(), setup.camera_pinhole());
+        let response = ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude());
+        let mut order: Vec<usize> = (0..table.rows.len()).filter(|&row| !table.rows[row].saturated).collect();
+        order.sort_by_key(|&row| table.rows[row].image);
+        let l: Vec<f64> = order
+            .iter()
+            .map(|&row| log10_irradiance(&response, table.rows[row].channel, table.rows[row].digital_count))
+            .collect();
+        let all = |has: fn(&super::PointRow) -> bool| order.iter().all(|&row| has(&table.rows[row]));
+        let noise_key: Vec<f64> = if all(|row| row.sigma_px.is_some()) {
+            order.iter().map(|&row| table.rows[row].sigma_px.unwrap_or(1.0).ln()).collect()
+        } else if all(|row| row.flux_dn.is_some_and(|flux| flux > 0.0)) {
+            order.iter().map(|&row| -table.rows[row].flux_dn.unwrap_or(1.0).ln()).collect()
+        } else {
+            let exposure = all(|row| row.exposure_s.is_some());
+            let ln_exposure =
+                |row: usize| table.rows[row].exposure_s.filter(|_| exposure).unwrap_or(1.0).ln();
+            order.iter().zip(&l).map(|(&row, l)| -l * std::f64::consts::LN_10 - ln_exposure(row)).collect()
+        };
+        let mut exposures: Vec<(usize, Range<usize>)> = Vec::new();
+        for (at, &row) in order.iter().enumerate() {
+            let image = table.rows[row].image;
+            match exposures.last_mut() {
+                Some((last, range)) if *last == image => range.end = at + 1,
+                _ => exposures.push((image, at..at + 1)),
+            }
+        }
+        Self {
+            sight: order.iter().map(|&row| camera.line_of_sight(table.rows[row].camera_px)).collect(),
+            undistorted: order.iter().map(|&row| facility.line_of_sight(table.rows[row].screen_px)).collect(),
+            l,
+            noise_key,
+            saturated: table.rows.len() - order.len(),
+            row: order,
+            exposures,
+        }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.row.len()
+    }
+}

@@ -1,0 +1,326 @@
+//! The results as `calibration.toml`, JSON, text and a table of residuals.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use retina_files::{InputError, write_atomic};
+use retina_geometry::Setup;
+use serde_json::{Value, json};
+
+use super::calibrate::GeometryCalibration;
+use super::errors::{ErrorSummary, PERCENTILES};
+use super::form::ModelForm;
+use super::physical::PhysicalFit;
+use super::table::PointsTable;
+
+const ARCSEC_PER_RAD: f64 = 206_264.806_247_096_36;
+
+fn store(path: &Path, text: &str) -> Result<(), InputError> {
+    write_atomic(path, text.as_bytes())
+        .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+}
+
+/// `calibration.toml`, schema `retina.calibration/1`: D, D^-1, covariance and provenance. No time stamp: the same
+/// input gives the same bytes.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_calibration(
+    path: &Path,
+    result: &GeometryCalibration,
+    table: &PointsTable,
+    setup: &Setup,
+) -> Result<(), InputError> {
+    let mut text = String::new();
+    let quoted = |value: &str| toml::Value::String(value.to_owned()).to_string();
+    let numbers = |values: &[f64]| {
+        let cells: Vec<String> = values.iter().map(|v| format!("{v:?}")).collect();
+        format!("[{}]", cells.join(", "))
+    };
+    let _ = writeln!(text, "schema = \"retina.calibration/1\"\nsetup = {}", quoted(&setup.name));
+    let _ = writeln!(
+        text,
+        "source = {}",
+        quoted(&format!(
+            "retina calibrate geometry, {} points in {} exposures",
+            result.errors.points, result.exposures
+        ))
+    );
+    let _ = writeln!(
+        text,
+        "\n# r = D(r_u) at the reference irradiance: rows [i, j, a, b], r_x gains a x^i y^j, r_y b x^i y^j."
+    );
+    let _ =
+        writeln!(text, "# D^-1(D(r_u)) is r_u to {:.2e} arcsec over the screen.", result.direct.worst_arcsec);
+    text.push_str("[distortion]\nterms = [\n");
+    for (i, j, a, b) in &result.direct.terms {
+        let _ = writeln!(text, "  [{i}, {j}, {a:?}, {b:?}],");
+    }
+    text.push_str(
+        "]\n\n# r_u = D^-1(r, L): rows [i, j, k, a, b], x gains a x^i y^j L^k, y gains b x^i y^j L^k;\n",
+    );
+    text.push_str("# L = log10 of the irradiance relative to a white pixel at count 255, held within the range.\n[inverse]\n");
+    let _ = writeln!(text, "reference_log10_irradiance = {:?}", result.reference_log10_irradiance);
+    let _ = writeln!(text, "range_log10_irradiance = {}\nterms = [", numbers(&result.range_log10_irradiance));
+    for ([i, j, k], c) in result.terms.iter().zip(&result.coefficients) {
+        let _ = writeln!(text, "  [{i}, {j}, {k}, {:?}, {:?}],", c.x, c.y);
+    }
+    text.push_str("]\n\n# Of the coefficients a in the order of inverse.terms, and again of b; a and b are independent.\n");
+    text.push_str("# The matrix's lower triangle, row by row.\n[covariance]\nlower_triangle = [\n");
+    let n = result.terms.len();
+    for row in 0..n {
+        let cells: Vec<String> =
+            (0..=row).map(|c| format!("{:.6e}", result.covariance[row * n + c])).collect();
+        let _ = writeln!(text, "  {},", cells.join(", "));
+    }
+    text.push_str("]\n\n[provenance]\n");
+    let (k, c) = (setup.facility_pinhole(), setup.camera_pinhole());
+    let size = [f64::from(c.width_px), f64::from(c.height_px)];
+    let _ = writeln!(text, "software = {}", quoted(concat!("retina ", env!("CARGO_PKG_VERSION"))));
+    let _ = writeln!(text, "# f_x, f_y, c_x, c_y of K_f; of C, and the camera's width and height.");
+    let _ = writeln!(text, "k_f_px = {}", numbers(&[k.fx_px, k.fy_px, k.cx_px, k.cy_px]));
+    let _ =
+        writeln!(text, "camera_px = {}", numbers(&[c.fx_px, c.fy_px, c.cx_px, c.cy_px, size[0], size[1]]));
+    text.push_str("inputs = [\n");
+    for (file, hash) in &table.files {
+        // The name without its folder: the same data elsewhere are the same data.
+        let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let _ = writeln!(text, "  {{ file = {}, blake3 = \"{hash}\" }},", quoted(&name));
+    }
+    text.push_str("]\n");
+    for (key, value) in [
+        ("rows", result.rows),
+        ("points", result.errors.points),
+        ("outliers", result.outliers),
+        ("saturated", result.saturated),
+        ("exposures", result.exposures),
+    ] {
+        let _ = writeln!(text, "{key} = {value}");
+    }
+    for (key, value) in [
+        ("jitter_arcsec", result.jitter_arcsec),
+        ("rms_arcsec", result.errors.rms_arcsec),
+        ("heldout_rms_arcsec", result.heldout.rms_arcsec),
+        ("inverse_error_arcsec", result.direct.worst_arcsec),
+    ] {
+        let _ = writeln!(text, "{key} = {value:.6}");
+    }
+    let cells: Vec<String> = PERCENTILES
+        .iter()
+        .zip(result.heldout.percentiles_arcsec)
+        .map(|(percent, value)| format!("{percent} = {value:.4}"))
+        .collect();
+    let _ = writeln!(text, "heldout_percentiles_arcsec = {{ {} }}", cells.join(", "));
+    text.push_str("# Forms tried: degree in x and y, degree of L's coefficients, highest power of L, error of exposures\n");
+    text.push_str("# left out (arcsec per axis), standard errors behind the best.\nladder = [\n");
+    for rung in &result.ladder {
+        let ModelForm { degree, irradiance_degree, irradiance_power } = rung.form;
+        let _ = writeln!(
+            text,
+            "  [{degree}, {irradiance_degree}, {irradiance_power}, {:.4}, {:.2}],",
+            rung.heldout_rms_arcsec, rung.behind_best
+        );
+    }
+    text.push_str("]\n");
+    store(path, &text)
+}
+
+fn errors_json(errors: &ErrorSummary) -> Value {
+    let percentiles: serde_json::Map<String, Value> = PERCENTILES
+        .iter()
+        .zip(errors.percentiles_arcsec)
+        .map(|(percent, value)| (percent.to_string(), json!(value)))
+        .collect();
+    json!({
+        "points": errors.points,
+        "rms_arcsec": errors.rms_arcsec,
+        "percentiles_arcsec": percentiles,
+        "fraction_within_10_arcsec": errors.fraction_within_10_arcsec,
+    })
+}
+
+fn form_json(form: &ModelForm) -> Value {
+    json!({
+        "degree": form.degree,
+        "irradiance_degree": form.irradiance_degree,
+        "irradiance_power": form.irradiance_power,
+    })
+}
+
+fn physical_json(physical: &PhysicalFit, setup: &Setup) -> Value {
+    let k = setup.facility_pinhole();
+    let with_sigma = |value: f64, sigma: f64| json!({ "value": value, "sigma": sigma });
+    json!({
+        "optical_centre_screen_px": {
+            "dx": with_sigma(physical.center_on_screen.x * k.fx_px, physical.center_sigma.x * k.fx_px),
+            "dy": with_sigma(physical.center_on_screen.y * k.fy_px, physical.center_sigma.y * k.fy_px),
+            "identical_to": "decentering",
+        },
+        "roll_deg": with_sigma(physical.roll_rad.to_degrees(), physical.roll_sigma_rad.to_degrees()),
+        "scale": with_sigma(physical.scale, physical.scale_sigma),
+        "k1": with_sigma(physical.radial[0].0, physical.radial[0].1),
+        "k2": with_sigma(physical.radial[1].0, physical.radial[1].1),
+        "rms_arcsec_per_axis": physical.rms_arcsec,
+    })
+}
+
+/// `calibrate geometry --json`, schema `retina.geometry-calibration/1`.
+pub fn to_json(result: &GeometryCalibration, setup: &Setup) -> Value {
+    let n = result.terms.len();
+    let sigma = |i: usize| result.covariance[i * n + i].sqrt();
+    let coefficients: Vec<Value> = result
+        .terms
+        .iter()
+        .zip(&result.coefficients)
+        .enumerate()
+        .map(|(row, ([i, j, k], c))| json!({ "i": i, "j": j, "k": k, "a": c.x, "b": c.y, "sigma": sigma(row) }))
+        .collect();
+    let ladder: Vec<Value> = result
+        .ladder
+        .iter()
+        .map(|rung| {
+            let mut value = form_json(&rung.form);
+            value["heldout_rms_arcsec_per_axis"] = json!(rung.heldout_rms_arcsec);
+            value["standard_errors_behind_best"] = json!(rung.behind_best);
+            value["chosen"] = json!(rung.form == result.form);
+            value
+        })
+        .collect();
+    let mut heldout = errors_json(&result.heldout);
+    heldout["by"] = json!(if result.heldout_by_points { "points" } else { "exposures" });
+    let mut document = json!({ "schema": "retina.geometry-calibration/1" });
+    if let (Some(into), Value::Object(errors)) = (document.as_object_mut(), errors_json(&result.errors)) {
+        into.extend(errors);
+    }
+    let rest = json!({
+        "rows": result.rows,
+        "outliers": result.outliers,
+        "saturated": result.saturated,
+        "exposures": result.exposures,
+        "jitter_arcsec_per_axis": result.jitter_arcsec,
+        "heldout": heldout,
+        "form": form_json(&result.form),
+        "reference_log10_irradiance": result.reference_log10_irradiance,
+        "range_log10_irradiance": result.range_log10_irradiance,
+        "coefficients": coefficients,
+        "covariance": result.covariance.chunks(n).map(<[f64]>::to_vec).collect::<Vec<_>>(),
+        "direct": { "degree": result.direct.degree, "inverse_error_arcsec": result.direct.worst_arcsec },
+        "physical": result.physical.as_ref().map(|physical| physical_json(physical, setup)),
+        "ladder": ladder,
+    });
+    if let (Some(into), Value::Object(rest)) = (document.as_object_mut(), rest) {
+        into.extend(rest);
+    }
+    document
+}
+
+/// A short account for people.
+pub fn text_summary(result: &GeometryCalibration, setup: &Setup) -> String {
+    let mut text = String::new();
+    let _ = writeln!(
+        text,
+        "{} points in {} exposures; {} outliers, {} saturated left out; exposures jitter by {:.2} arcsec per axis",
+        result.errors.points, result.exposures, result.outliers, result.saturated, result.jitter_arcsec
+    );
+    let _ = writeln!(
+        text,
+        "\n                    rms     50 %    68 %    90 %    95 %    96 %    99 %   within 10 arcsec"
+    );
+    let left_out = if result.heldout_by_points { "points left out" } else { "exposures left out" };
+    for (name, errors) in [("fitted", &result.errors), (left_out, &result.heldout)] {
+        let cells: Vec<String> = errors.percentiles_arcsec.iter().map(|v| format!("{v:7.2}")).collect();
+        let _ = writeln!(
+            text,
+            "{name:<19}{:6.2} {}   {:6.2} %",
+            errors.rms_arcsec,
+            cells.join(" "),
+            100.0 * errors.fraction_within_10_arcsec
+        );
+    }
+    let _ = writeln!(
+        text,
+        "\n  degree  of L's terms  powers of L  columns  left out, arcsec per axis  behind the best, sigmas"
+    );
+    // Of each degree without and with irradiance the best rung.
+    for degree in 1..=7 {
+        for with in [false, true] {
+            let of =
+                |rung: &&super::Rung| rung.form.degree == degree && (rung.form.irradiance_power > 0) == with;
+            let chosen = result.ladder.iter().filter(of).find(|rung| rung.form == result.form);
+            let best = result
+                .ladder
+                .iter()
+                .filter(of)
+                .min_by(|a, b| a.heldout_rms_arcsec.total_cmp(&b.heldout_rms_arcsec));
+            if let Some(rung) = chosen.or(best) {
+                let ModelForm { irradiance_degree, irradiance_power, .. } = rung.form;
+                let of_l = if with { irradiance_degree.to_string() } else { "-".to_owned() };
+                let mark = if rung.form == result.form { "   <- chosen" } else { "" };
+                let _ = writeln!(
+                    text,
+                    "  {degree:>6}  {of_l:>12}  {irradiance_power:>11}  {:>7}  {:>25.3}  {:>23.1}{mark}",
+                    rung.form.len(),
+                    rung.heldout_rms_arcsec,
+                    rung.behind_best
+                );
+            }
+        }
+    }
+    let _ = writeln!(
+        text,
+        "\nD at log10 irradiance {:.2}: degree {}, undone by D^-1 to {:.1e} arcsec over the screen",
+        result.reference_log10_irradiance, result.direct.degree, result.direct.worst_arcsec
+    );
+    match &result.physical {
+        Some(p) => {
+            let k = setup.facility_pinhole();
+            let _ = writeln!(
+                text,
+                "centre of distortion ({:+.2} +- {:.2}, {:+.2} +- {:.2}) px from the screen's (decentring looks the same); roll {:.4} deg; scale {:.6}; k1 {:.4} +- {:.4}",
+                p.center_on_screen.x * k.fx_px,
+                p.center_sigma.x * k.fx_px,
+                p.center_on_screen.y * k.fy_px,
+                p.center_sigma.y * k.fy_px,
+                p.roll_rad.to_degrees(),
+                p.scale,
+                p.radial[0].0,
+                p.radial[0].1
+            );
+        }
+        None => text.push_str("the distortion is too weak to tell where its centre lies\n"),
+    }
+    text
+}
+
+/// For each row that was used, its residual and weight: row of the tables (from 0, all files together), line of sight,
+/// L, residual (arcsec on the tangent plane of r_u), sigma per axis, angles, outlier.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_residuals(
+    path: &Path,
+    result: &GeometryCalibration,
+    table: &PointsTable,
+) -> Result<(), InputError> {
+    let mut text = String::from(
+        "row,image,line_of_sight_x,line_of_sight_y,log10_irradiance,residual_x_arcsec,residual_y_arcsec,sigma_arcsec,error_arcsec,heldout_arcsec,outlier\n",
+    );
+    for point in &result.points {
+        let _ = writeln!(
+            text,
+            "{},{},{:?},{:?},{:?},{:?},{:?},{:?},{:.6},{:.6},{}",
+            point.row,
+            table.images[table.rows[point.row].image],
+            point.sight.x,
+            point.sight.y,
+            point.log10_irradiance,
+            point.residual.x * ARCSEC_PER_RAD,
+            point.residual.y * ARCSEC_PER_RAD,
+            point.sigma * ARCSEC_PER_RAD,
+            point.error_arcsec,
+            point.heldout_arcsec,
+            u8::from(point.outlier)
+        );
+    }
+    store(path, &text)
+}

@@ -1,0 +1,130 @@
+//! The form of D^-1 by exposures left out, with a one-standard-error rule.
+
+use glam::DVec2;
+use rand::SeedableRng as _;
+use rand::seq::SliceRandom as _;
+use rayon::prelude::*;
+
+use super::fit::{Gram, grams, predict};
+use super::form::{ModelForm, Scaling};
+use super::noise::Weights;
+use super::observations::Observations;
+
+/// Groups that are left out in turn.
+const FOLDS: usize = 10;
+/// Fewest points a coefficient.
+const POINTS_PER_COLUMN: usize = 6;
+
+/// One form on the ladder.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rung {
+    /// The form.
+    pub form: ModelForm,
+    /// Weighted error per axis of left-out exposures, with their own common shift accounted for, arcsec.
+    pub heldout_rms_arcsec: f64,
+    /// How much worse than the best rung, in standard errors of the difference over the folds; 0 for the best.
+    pub behind_best: f64,
+}
+
+/// Parts the exposures at random into groups to be left out together.
+pub(crate) fn folds(exposures: usize) -> Vec<Vec<usize>> {
+    let mut order: Vec<usize> = (0..exposures).collect();
+    order.shuffle(&mut rand_chacha::ChaCha8Rng::seed_from_u64(0));
+    let count = FOLDS.min(exposures).max(1);
+    (0..count)
+        .map(|fold| {
+            let mut group: Vec<usize> = order.iter().skip(fold).step_by(count).copied().collect();
+            group.sort_unstable();
+            group
+        })
+        .collect()
+}
+
+/// The widest form that the data could determine.
+pub(crate) fn widest(observations: &Observations, plain: bool) -> ModelForm {
+    let mut levels: Vec<f64> = observations.l.clone();
+    levels.sort_by(f64::total_cmp);
+    // Two levels closer than a quarter of a magnitude are one.
+    levels.dedup_by(|b, a| (*b - *a).abs() < 0.1);
+    let power = if plain { 0 } else { (levels.len() as u32).saturating_sub(1).min(3) };
+    let fits = |form: &ModelForm| form.len() * POINTS_PER_COLUMN <= observations.len();
+    let mut form = ModelForm { degree: 7, irradiance_degree: 3, irradiance_power: power };
+    while !fits(&form) && form.degree > 1 {
+        form.degree -= 1;
+        form.irradiance_degree = form.irradiance_degree.min(form.degree);
+        if form.degree <= 3 {
+            form.irradiance_power = form.irradiance_power.min(1);
+        }
+    }
+    if !fits(&form) {
+        form.irradiance_power = 0;
+    }
+    form
+}
+
+/// Every form within the widest, judged by the folds; the rungs in order of their coefficients, and the chosen one:
+/// the smallest that is not worse than the best by more than one standard error.
+pub(crate) fn ladder(
+    observations: &Observations,
+    groups: &[Vec<usize>],
+    widest: ModelForm,
+    scaling: &Scaling,
+    weights: &Weights,
+) -> Option<(Vec<Rung>, ModelForm)> {
+    let terms = widest.terms();
+    // Against an affine fit the squares are small, and lose no digits in the differences below.
+    let affine = ModelForm::plain(1).terms();
+    let columns_of = |form: ModelForm| -> Vec<usize> {
+        form.terms().iter().filter_map(|term| terms.iter().position(|other| other == term)).collect()
+    };
+    let first = grams(observations, groups, &affine, scaling, &observations.undistorted, weights);
+    let line = Gram::sum(first.iter())?.solve(&[0, 1, 2])?;
+    let fitted = predict(observations, scaling, &affine, &line);
+    let target: Vec<DVec2> = observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
+    let folds = grams(observations, groups, &terms, scaling, &target, weights);
+    let total = Gram::sum(folds.iter())?;
+    let training: Vec<Gram> =
+        folds.iter().map(|fold| if folds.len() > 1 { total.without(fold) } else { fold.clone() }).collect();
+    let judge = |form: ModelForm| {
+        let columns = columns_of(form);
+        let squares: Option<Vec<f64>> = folds
+            .iter()
+            .zip(&training)
+            .map(|(fold, training)| Some(fold.squares(&columns, &training.solve(&columns)?)))
+            .collect();
+        Some((form, squares?))
+    };
+    let mut judged: Vec<(ModelForm, Vec<f64>)> =
+        forms_within(widest).into_par_iter().filter_map(judge).collect();
+    judged.sort_by_key(|(form, _)| (form.len(), form.irradiance_power, form.irradiance_degree));
+    let sum = |squares: &Vec<f64>| squares.iter().sum::<f64>();
+    let best = judged.iter().min_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))?.1.clone();
+    let weight: f64 = folds.iter().map(|fold| fold.weight).sum();
+    let rungs: Vec<Rung> = judged
+        .iter()
+        .map(|(form, squares)| {
+            let count = squares.len() as f64;
+            let mean = (sum(squares) - sum(&best)) / count;
+            let variance: f64 = squares.iter().zip(&best).map(|(s, b)| (s - b - mean).powi(2)).sum::<f64>()
+                / (count - 1.0).max(1.0);
+            let behind = if mean > 0.0 { mean / (variance / count).sqrt().max(1e-300) } else { 0.0 };
+            let heldout_rms_arcsec = (sum(squares) / (2.0 * weight)).sqrt().to_degrees() * 3600.0;
+            Rung { form: *form, heldout_rms_arcsec, behind_best: behind }
+        })
+        .collect();
+    let chosen = rungs.iter().find(|rung| rung.behind_best <= 1.0)?.form;
+    Some((rungs, chosen))
+}
+
+fn forms_within(widest: ModelForm) -> Vec<ModelForm> {
+    let mut out = Vec::new();
+    for degree in 1..=widest.degree {
+        out.push(ModelForm::plain(degree));
+        for irradiance_power in 1..=widest.irradiance_power {
+            for irradiance_degree in 0..=widest.irradiance_degree.min(degree) {
+                out.push(ModelForm { degree, irradiance_degree, irradiance_power });
+            }
+        }
+    }
+    out
+}

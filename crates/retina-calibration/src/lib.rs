@@ -1,0 +1,6 @@
+//! Calibration of the facility from what the camera saw.
+//!
+//! - [`geometry`]: calibration patterns, their recognition in camera images, and the mapping between lines of sight
+//!   and the screen (paper, "Geometric calibration").
+
+pub mod geometry;

@@ -1,0 +1,146 @@
+//! The calibration against facilities whose truth is known.
+
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
+
+mod common;
+
+use common::{ARCSEC, Facility, LIKELY, l_of, wide};
+use glam::DVec2;
+use retina_calibration::geometry::{
+    CalibrateOptions, ModelForm, PointsTable, calibrate, to_json, write_calibration,
+};
+use retina_geometry::{Calibration, Setup};
+
+/// Worst distance over the camera's field between what D^-1 says and the screen's true line of sight, arcsec.
+fn worst_arcsec(facility: &Facility, setup: &Setup, read: &Calibration, count: f64) -> f64 {
+    let inverse = read.inverse.as_ref().unwrap();
+    let mut worst = 0.0f64;
+    for row in 0..=10 {
+        for column in 0..=10 {
+            // Undistorted lines of sight that the camera sees, to 97 % of its field.
+            let at = DVec2::new(f64::from(column) / 5.0 - 1.0, f64::from(row) / 5.0 - 1.0)
+                * DVec2::new(0.1413, 0.106)
+                * 0.97;
+            let r = facility.sight(at, l_of(count));
+            let camera = setup.camera_pinhole().pixel(r);
+            if camera.x < 0.0 || camera.y < 0.0 || camera.x > 2048.0 || camera.y > 1536.0 {
+                continue;
+            }
+            worst = worst.max((inverse.undistort(r, l_of(count)) - at).length() / ARCSEC);
+        }
+    }
+    worst
+}
+
+fn calibrated(
+    table: &PointsTable,
+    options: &CalibrateOptions,
+) -> (retina_calibration::geometry::GeometryCalibration, Calibration) {
+    let setup = wide();
+    let result = calibrate(table, &setup, options).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("calibration.toml");
+    write_calibration(&path, &result, table, &setup).unwrap();
+    (result, Calibration::read(&path, &setup).unwrap())
+}
+
+#[test]
+fn a_likely_facility_is_found_from_faint_to_bright() {
+    let setup = wide();
+    let table = LIKELY.table(&setup, 40, 200, 1);
+    let (result, read) = calibrated(&table, &CalibrateOptions::default());
+    print!("{}", retina_calibration::geometry::text_summary(&result, &setup));
+    assert!(result.form.irradiance_power >= 2, "{:?}", result.form);
+    for count in [16.0, 68.0, 255.0] {
+        // Jitter of 0.8 arcsec over 40 exposures leaves 0.13 of the shift, the noise little more.
+        let worst = worst_arcsec(&LIKELY, &setup, &read, count);
+        println!("count {count}: worst {worst:.3} arcsec");
+        assert!(worst < 0.8, "count {count}: {worst}");
+    }
+    // 3 % of 8000 points, of which a hundredth fall close to where they should.
+    assert!((200..290).contains(&result.outliers), "{}", result.outliers);
+    assert!((result.jitter_arcsec / 0.8 - 1.0).abs() < 0.3, "{}", result.jitter_arcsec);
+    assert!(result.direct.worst_arcsec < 0.01);
+    // What was written is what was found: D and D^-1 at the reference undo each other.
+    let inverse = read.inverse.as_ref().unwrap();
+    let u = DVec2::new(0.12, -0.08);
+    let back = inverse.undistort(read.distortion.distort(u), inverse.reference_log10_irradiance);
+    assert!((back - u).length() / ARCSEC < 0.01);
+    let json = to_json(&result, &setup);
+    assert_eq!(json["schema"], "retina.geometry-calibration/1");
+    assert_eq!(json["covariance"].as_array().unwrap().len(), json["coefficients"].as_array().unwrap().len());
+}
+
+#[test]
+fn the_centre_of_the_distortion_is_where_it_was_put() {
+    let setup = wide();
+    let facility = Facility { coma_arcsec: 0.0, ..LIKELY };
+    let result =
+        calibrate(&facility.table(&setup, 60, 300, 5), &setup, &CalibrateOptions::default()).unwrap();
+    let physical = result.physical.unwrap();
+    let off = physical.center_on_screen - facility.centre;
+    println!("centre off by {:?} px, sigma {:?}", off * 5661.2, physical.center_sigma * 5661.2);
+    assert!(off.x.abs() < 4.0 * physical.center_sigma.x && off.y.abs() < 4.0 * physical.center_sigma.y);
+    // 0.5 px of the screen.
+    assert!(physical.center_sigma.max_element() * 5661.2 < 0.5);
+    // Series of the inverse of r = u (1 + k1 u^2): u = r (1 - k1 r^2 + 3 k1^2 r^4 - ...).
+    assert!((physical.radial[0].0 + 0.35).abs() < 0.02, "{:?}", physical.radial);
+    assert!(physical.roll_rad.abs() < 4.0 * physical.roll_sigma_rad);
+}
+
+#[test]
+fn irradiance_enters_only_where_it_is_in_the_data() {
+    let setup = wide();
+    for seed in 0..5 {
+        let table = Facility { coma_arcsec: 0.0, ..LIKELY }.table(&setup, 30, 150, 100 + seed);
+        let result = calibrate(&table, &setup, &CalibrateOptions::default()).unwrap();
+        assert_eq!(result.form.irradiance_power, 0, "{:?}", result.form);
+        assert!((3..=5).contains(&result.form.degree), "{:?}", result.form);
+    }
+    // The paper's Fig. 10b: without the terms, the brightest are off by what the coma moves them.
+    let table = LIKELY.table(&setup, 30, 150, 9);
+    let with = calibrate(&table, &setup, &CalibrateOptions::default()).unwrap();
+    let without =
+        calibrate(&table, &setup, &CalibrateOptions { plain: true, ..CalibrateOptions::default() }).unwrap();
+    assert!(without.heldout.rms_arcsec > 1.3 * with.heldout.rms_arcsec);
+}
+
+#[test]
+fn stated_intervals_hold_the_truth_as_often_as_they_say() {
+    // D^-1 of this facility is exactly the fitted form: a similarity.
+    let setup = wide();
+    let facility = Facility {
+        k1: 0.0,
+        coma_arcsec: 0.0,
+        outliers: 0.0,
+        centre: DVec2::ZERO,
+        jitter_arcsec: 2.0,
+        ..LIKELY
+    };
+    let form = ModelForm::plain(3);
+    let options = CalibrateOptions { form: Some(form), plain: true, ..CalibrateOptions::default() };
+    let (mut inside, mut total, mut constant) = (0, 0, 0);
+    for seed in 0..400 {
+        let result = calibrate(&facility.table(&setup, 24, 40, 1000 + seed), &setup, &options).unwrap();
+        let n = result.terms.len();
+        for (at, ([i, j, _], c)) in result.terms.iter().zip(&result.coefficients).enumerate() {
+            let truth =
+                DVec2::new(f64::from(u8::from([*i, *j] == [1, 0])), f64::from(u8::from([*i, *j] == [0, 1])));
+            let sigma = result.covariance[at * n + at].sqrt();
+            for off in (*c - truth).to_array() {
+                // 90 % of a normal distribution.
+                let within = usize::from(off.abs() < 1.644_854 * sigma);
+                inside += within;
+                // The shift is what exposures' jitter makes uncertain.
+                constant += if i + j == 0 { within } else { 0 };
+                total += 1;
+            }
+        }
+    }
+    let share = inside as f64 / total as f64;
+    println!("90 % intervals hold {:.2} % of {total}", 100.0 * share);
+    assert!((0.87..0.93).contains(&share), "{share}");
+    let constant = constant as f64 / 800.0;
+    println!("those of the shift hold {:.2} %", 100.0 * constant);
+    assert!((0.86..0.94).contains(&constant), "{constant}");
+}

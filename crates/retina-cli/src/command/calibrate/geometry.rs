@@ -1,0 +1,145 @@
+//! `retina calibrate geometry`.
+
+use std::path::PathBuf;
+
+use retina_calibration::geometry::{
+    self, CalibrateOptions, ImageReport, PointsTable, calibrate, points_from_images, text_summary, to_json,
+};
+use retina_geometry::Setup;
+use retina_image::{Centroid, DetectOptions};
+use serde_json::json;
+
+use crate::failure::Failure;
+use crate::output::{print_json, print_lines, tell};
+
+#[derive(clap::Args)]
+#[command(group = clap::ArgGroup::new("input").required(true).args(["data", "images"]))]
+pub(crate) struct Arguments {
+    /// The facility, schema retina.setup/1.
+    #[arg(long)]
+    setup: PathBuf,
+    /// Table of points (points.csv); several are read together.
+    #[arg(long, value_name = "TABLE")]
+    data: Vec<PathBuf>,
+    /// Folder of camera images, named as the pattern's screens or listed in its images.csv.
+    #[arg(long, value_name = "DIR", requires = "pattern")]
+    images: Option<PathBuf>,
+    /// The pattern that the images show.
+    #[arg(long, value_name = "DIR", requires = "images")]
+    pattern: Option<PathBuf>,
+    /// The calibration to write.
+    #[arg(long, value_name = "FILE.toml")]
+    out: PathBuf,
+    /// Also write the points that were found in the images.
+    #[arg(long, value_name = "FILE.csv", requires = "images")]
+    points_out: Option<PathBuf>,
+    /// Also write each point's residual, weight and error.
+    #[arg(long, value_name = "FILE.csv")]
+    residuals: Option<PathBuf>,
+    /// Also write a page with plots.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// A plain polynomial, without terms in the irradiance.
+    #[arg(long)]
+    plain: bool,
+    /// log10 of the irradiance (relative to a white pixel at full count) at which D is given [default: the points' median].
+    #[arg(long, value_name = "L", allow_negative_numbers = true)]
+    reference_log10_irradiance: Option<f64>,
+    /// How points in images are placed.
+    #[arg(long, value_enum, default_value = "windowed", requires = "images")]
+    centroid: CentroidName,
+    /// Gain of the camera, electrons per digital number: the light's own noise enters the centroids' sigma.
+    #[arg(long, value_name = "E_PER_DN", requires = "images")]
+    gain_e_per_dn: Option<f64>,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum CentroidName {
+    /// By a Gaussian window, the same for faint and bright.
+    Windowed,
+    /// Centre of mass above the threshold.
+    Moments,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    crate::check_file(&arguments.out, "toml")?;
+    for (path, extension) in
+        [(&arguments.points_out, "csv"), (&arguments.residuals, "csv"), (&arguments.report, "html")]
+    {
+        path.as_ref().map_or(Ok(()), |path| crate::check_file(path, extension))?;
+    }
+    let setup = Setup::read(&arguments.setup)?;
+    let (table, reports) = points(arguments, &setup)?;
+    if let Some(path) = &arguments.points_out {
+        table.write(path)?;
+    }
+    let options = CalibrateOptions {
+        plain: arguments.plain,
+        form: None,
+        reference_log10_irradiance: arguments.reference_log10_irradiance,
+    };
+    let result = calibrate(&table, &setup, &options)?;
+    geometry::write_calibration(&arguments.out, &result, &table, &setup)?;
+    if let Some(path) = &arguments.residuals {
+        geometry::write_residuals(path, &result, &table)?;
+    }
+    if let Some(path) = &arguments.report {
+        geometry::write_report(path, &result, &table, &setup)?;
+    }
+    if result.heldout_by_points {
+        tell!("fewer than 3 exposures: single points are left out instead of exposures");
+    }
+    if arguments.json {
+        let mut document = to_json(&result, &setup);
+        document["out"] = json!(arguments.out);
+        if !reports.is_empty() {
+            document["images"] = reports.iter().map(image_json).collect();
+        }
+        return print_json(&document);
+    }
+    let lines: Vec<String> = text_summary(&result, &setup).lines().map(str::to_owned).collect();
+    print_lines(&lines)
+}
+
+fn points(arguments: &Arguments, setup: &Setup) -> Result<(PointsTable, Vec<ImageReport>), Failure> {
+    let (Some(images), Some(pattern)) = (&arguments.images, &arguments.pattern) else {
+        return Ok((PointsTable::read(&arguments.data)?, Vec::new()));
+    };
+    let centroid = match arguments.centroid {
+        CentroidName::Windowed => Centroid::Windowed,
+        CentroidName::Moments => Centroid::Moments,
+    };
+    let detect =
+        DetectOptions { centroid, gain_e_per_dn: arguments.gain_e_per_dn, ..DetectOptions::default() };
+    let (table, reports) = points_from_images(images, pattern, setup, &detect)?;
+    for report in &reports {
+        match report.recognised {
+            Some((matched, _)) => tell!(
+                "{}: {matched} of {} points of light belong to screen {}",
+                report.file.display(),
+                report.detected,
+                report.screen
+            ),
+            None => tell!(
+                "warning: {}: screen {} is not recognised among its {} points of light; left out",
+                report.file.display(),
+                report.screen,
+                report.detected
+            ),
+        }
+    }
+    Ok((table, reports))
+}
+
+fn image_json(report: &ImageReport) -> serde_json::Value {
+    json!({
+        "file": report.file,
+        "screen": report.screen,
+        "detected": report.detected,
+        "matched": report.recognised.map(|r| r.0),
+        "log10_chance": report.recognised.map(|r| r.1),
+    })
+}

@@ -1,0 +1,401 @@
+//! Finding points of light and measuring them.
+
+use rayon::prelude::*;
+
+use crate::centroid::{self, WEIGHT_RATIO, Windowed};
+use crate::{Background, CameraImage, Centroid};
+
+/// How points are found and measured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DetectOptions {
+    /// A point's brightest 3 x 3 pixels stand out of the background by this many standard deviations of their sum.
+    pub threshold_sigma: f64,
+    /// Digital number from which a pixel is saturated; the image's full scale where absent.
+    pub saturation_dn: Option<f32>,
+    /// Gain, electrons per DN: adds the light's own noise to `sigma_px`. Without it only the background's counts.
+    pub gain_e_per_dn: Option<f64>,
+    /// Standard deviation of the spots, px; measured on the bright ones where absent.
+    pub spot_sigma_px: Option<f64>,
+    /// The estimator.
+    pub centroid: Centroid,
+    /// Side of the background's cells, px.
+    pub mesh_px: usize,
+}
+
+impl Default for DetectOptions {
+    fn default() -> Self {
+        Self {
+            threshold_sigma: 5.0,
+            saturation_dn: None,
+            gain_e_per_dn: None,
+            spot_sigma_px: None,
+            centroid: Centroid::Windowed,
+            mesh_px: 64,
+        }
+    }
+}
+
+/// A point of light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LightPoint {
+    /// Centroid, px.
+    pub x_px: f64,
+    /// Centroid, px.
+    pub y_px: f64,
+    /// Standard deviation of the centroid per axis from the image's noise, px.
+    pub sigma_px: f64,
+    /// Light, DN (background subtracted).
+    pub flux_dn: f64,
+    /// Brightest pixel above the background, DN.
+    pub peak_dn: f64,
+    /// A pixel of it is saturated: its centroid and light are not to be trusted.
+    pub saturated: bool,
+    /// Another point's light reaches into it.
+    pub blended: bool,
+    /// Standard deviation of the spot (geometric mean of its axes), px; `None` where noise hides it.
+    pub width_px: Option<f64>,
+    /// 1 - minor axis / major axis.
+    pub ellipticity: Option<f64>,
+    /// `flux_dn` over its standard deviation.
+    pub snr: f64,
+}
+
+/// What an image holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Detection {
+    /// The points, brightest first.
+    pub points: Vec<LightPoint>,
+    /// Single-pixel spikes that were left out: (column, row).
+    pub hot_pixels: Vec<[usize; 2]>,
+    /// Typical background, DN.
+    pub background_dn: f64,
+    /// Typical standard deviation of a dark pixel, DN.
+    pub noise_dn: f64,
+    /// Standard deviation of the spots that the windows were matched to, px.
+    pub spot_sigma_px: f64,
+}
+
+/// Spots are taken to be this wide until they have been measured, px.
+const FIRST_SPOT_SIGMA_PX: f64 = 1.5;
+/// The four neighbours of a spike have, on average, less than this share of it. A spot of 1.5 px full width at half
+/// maximum (sigma 0.64 px) centred on its pixel has 0.37; a hot pixel 0.
+const SPIKE_SHARE: f64 = 0.2;
+/// Two peaks are one point where the light between them does not fall below this share of the fainter.
+const SADDLE_SHARE: f64 = 0.85;
+
+#[derive(Debug, Clone, Copy)]
+struct Peak {
+    /// Brightest pixel.
+    pixel: [usize; 2],
+    /// Sum of the 3 x 3 pixels about the place of the largest such sum, above the background, DN.
+    light_dn: f64,
+    /// That place.
+    centre: [usize; 2],
+    blended: bool,
+}
+
+/// Finds points of light: background on a mesh, 3 x 3 sums above a threshold, their local maxima, spikes taken out,
+/// peaks of one spot joined, and each centroid measured.
+pub fn detect_points(image: &CameraImage, options: &DetectOptions) -> Detection {
+    let background = Background::estimate(image, options.mesh_px);
+    let candidates = candidates(image, &background, options.threshold_sigma);
+    let (mut peaks, hot_pixels) = without_spikes(image, &background, options.threshold_sigma, &candidates);
+    let reach_px = 8.0 * options.spot_sigma_px.unwrap_or(FIRST_SPOT_SIGMA_PX);
+    peaks = joined(image, &background, peaks, reach_px);
+    let saturation = options.saturation_dn.unwrap_or(image.full_scale_dn);
+    let spot_sigma_px = match options.spot_sigma_px {
+        Some(sigma) => sigma,
+        None => measured_width(image, &background, &peaks, saturation, &hot_pixels),
+    };
+    let measure =
+        |peak: &Peak| measure(image, &background, options, peak, spot_sigma_px, saturation, &hot_pixels);
+    let mut points: Vec<LightPoint> = peaks.par_iter().with_min_len(64).filter_map(measure).collect();
+    points.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn));
+    flag_neighbours(&mut points, 6.0 * spot_sigma_px);
+    let [background_dn, noise_dn] = background.median_dn();
+    Detection { points, hot_pixels, background_dn, noise_dn, spot_sigma_px }
+}
+
+/// Sum of the 3 x 3 pixels about one that is not on the border, DN.
+fn nine(image: &CameraImage, x: usize, y: usize) -> f64 {
+    (y - 1..=y + 1).map(|row| image.row(row)[x - 1..=x + 1].iter().map(|&v| f64::from(v)).sum::<f64>()).sum()
+}
+
+/// Places whose 3 x 3 sum is above the threshold and a maximum among its neighbours: (column, row).
+fn candidates(image: &CameraImage, background: &Background, threshold_sigma: f64) -> Vec<[usize; 2]> {
+    let (width, height) = (image.width_px as usize, image.height_px as usize);
+    if width < 3 || height < 3 {
+        return Vec::new();
+    }
+    const BLOCK: usize = 16;
+    let bands: Vec<Vec<[usize; 2]>> = (0..(height - 2).div_ceil(32))
+        .into_par_iter()
+        .map(|band| {
+            let mut found = Vec::new();
+            let (mut columns, mut sums, mut threshold) =
+                (vec![0.0f32; width], vec![0.0f32; width], vec![0.0f32; width]);
+            for y in 1 + band * 32..(1 + (band + 1) * 32).min(height - 1) {
+                let (above, own, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
+                for (((sum, a), b), c) in columns.iter_mut().zip(above).zip(own).zip(below) {
+                    *sum = a + b + c;
+                }
+                let thirds = columns.iter().zip(&columns[1..]).zip(&columns[2..]);
+                for (sum, ((a, b), c)) in sums[1..].iter_mut().zip(thirds) {
+                    *sum = a + b + c;
+                }
+                background.fill_row(y, 9.0, 3.0 * threshold_sigma as f32, &mut threshold);
+                for start in (1..width - 1).step_by(BLOCK) {
+                    let end = (start + BLOCK).min(width - 1);
+                    let pairs = sums[start..end].iter().zip(&threshold[start..end]);
+                    if pairs.fold(0u32, |any, (sum, limit)| any | u32::from(sum > limit)) == 0 {
+                        continue;
+                    }
+                    for x in start..end {
+                        let sum = sums[x];
+                        let before = x == 1 || sums[x - 1] < sum;
+                        let after = x + 2 == width || sums[x + 1] <= sum;
+                        if sum > threshold[x] && before && after && is_highest(image, x, y) {
+                            found.push([x, y]);
+                        }
+                    }
+                }
+            }
+            found
+        })
+        .collect();
+    bands.concat()
+}
+
+/// Whether the 3 x 3 sum at a place is at least that of the rows above and below.
+fn is_highest(image: &CameraImage, x: usize, y: usize) -> bool {
+    let (width, height) = (image.width_px as usize, image.height_px as usize);
+    let own = nine(image, x, y);
+    let columns = x.max(2) - 1..=(x + 1).min(width - 2);
+    let above = y == 1 || columns.clone().all(|c| nine(image, c, y - 1) < own);
+    let below = y + 2 == height || columns.clone().all(|c| nine(image, c, y + 1) <= own);
+    above && below
+}
+
+/// Parts the candidates into peaks and single-pixel spikes.
+fn without_spikes(
+    image: &CameraImage,
+    background: &Background,
+    threshold_sigma: f64,
+    candidates: &[[usize; 2]],
+) -> (Vec<Peak>, Vec<[usize; 2]>) {
+    let (width, height) = (image.width_px as usize, image.height_px as usize);
+    let mut hot = Vec::new();
+    let mut peaks = Vec::new();
+    for &[x, y] in candidates {
+        let level = background.level_dn(x as f64 + 0.5, y as f64 + 0.5);
+        let noise = background.noise_dn(x as f64 + 0.5, y as f64 + 0.5);
+        let light = |c: usize, r: usize| f64::from(image.at(c, r)) - level;
+        let mut pixel = [x, y];
+        let mut total = 0.0;
+        for r in y - 1..=y + 1 {
+            for c in x - 1..=x + 1 {
+                total += light(c, r);
+                if light(c, r) > light(pixel[0], pixel[1]) {
+                    pixel = [c, r];
+                }
+            }
+        }
+        let [px, py] = pixel;
+        let around = [(px.wrapping_sub(1), py), (px + 1, py), (px, py.wrapping_sub(1)), (px, py + 1)];
+        let inside: Vec<f64> =
+            around.iter().filter(|(c, r)| *c < width && *r < height).map(|&(c, r)| light(c, r)).collect();
+        let neighbours = inside.iter().sum::<f64>() / inside.len() as f64;
+        let top = light(px, py);
+        if neighbours < SPIKE_SHARE * top {
+            if !hot.contains(&pixel) {
+                hot.push(pixel);
+            }
+            total -= top;
+            // Without the spike nothing stands out: it was all there was. Eight pixels are left.
+            if total < threshold_sigma * 8f64.sqrt() * noise {
+                continue;
+            }
+        }
+        peaks.push(Peak { pixel, light_dn: total, centre: [x, y], blended: false });
+    }
+    (peaks, hot)
+}
+
+/// Drops peaks that belong to a brighter one's spot, and marks those that overlap.
+fn joined(image: &CameraImage, background: &Background, mut peaks: Vec<Peak>, reach_px: f64) -> Vec<Peak> {
+    peaks.sort_by(|a, b| b.light_dn.total_cmp(&a.light_dn).then(a.centre.cmp(&b.centre)));
+    let side = reach_px.max(1.0);
+    let columns = (f64::from(image.width_px) / side) as usize + 1;
+    let rows = (f64::from(image.height_px) / side) as usize + 1;
+    let mut grid: Vec<Vec<usize>> = vec![Vec::new(); columns * rows];
+    let mut kept: Vec<Peak> = Vec::new();
+    for mut peak in peaks {
+        let cell = peak.centre.map(|c| (c as f64 / side) as usize);
+        let mut same = false;
+        for row in cell[1].saturating_sub(1)..=(cell[1] + 1).min(rows - 1) {
+            for column in cell[0].saturating_sub(1)..=(cell[0] + 1).min(columns - 1) {
+                for &other in &grid[row * columns + column] {
+                    let other: &mut Peak = &mut kept[other];
+                    let off = [0, 1].map(|k| peak.centre[k] as f64 - other.centre[k] as f64);
+                    let distance = off[0].hypot(off[1]);
+                    if distance > reach_px {
+                        continue;
+                    }
+                    let (saddle, noise) = lowest_between(image, background, other.centre, peak.centre);
+                    if distance < 2.0 || saddle > SADDLE_SHARE * peak.light_dn - 9.0 * noise {
+                        same = true;
+                    } else if saddle > 0.1 * peak.light_dn {
+                        other.blended = true;
+                        peak.blended = true;
+                    }
+                }
+            }
+        }
+        if !same {
+            grid[cell[1] * columns + cell[0]].push(kept.len());
+            kept.push(peak);
+        }
+    }
+    kept
+}
+
+/// The smallest 3 x 3 sum above the background on the way from one place to another, and the pixel noise, DN.
+fn lowest_between(
+    image: &CameraImage,
+    background: &Background,
+    from: [usize; 2],
+    to: [usize; 2],
+) -> (f64, f64) {
+    let off = [0, 1].map(|k| to[k] as f64 - from[k] as f64);
+    let steps = off[0].abs().max(off[1].abs()).max(1.0) as usize;
+    let level = background.level_dn(to[0] as f64 + 0.5, to[1] as f64 + 0.5);
+    let mut lowest = f64::INFINITY;
+    for i in 0..=steps {
+        let at = [0, 1].map(|k| (from[k] as f64 + off[k] * i as f64 / steps as f64).round() as usize);
+        lowest = lowest.min(nine(image, at[0], at[1]) - 9.0 * level);
+    }
+    (lowest, background.noise_dn(to[0] as f64 + 0.5, to[1] as f64 + 0.5))
+}
+
+/// Typical standard deviation of the bright, unsaturated, single spots, px.
+fn measured_width(
+    image: &CameraImage,
+    background: &Background,
+    peaks: &[Peak],
+    saturation_dn: f32,
+    hot: &[[usize; 2]],
+) -> f64 {
+    let good = |peak: &&Peak| {
+        let noise = background.noise_dn(peak.centre[0] as f64, peak.centre[1] as f64);
+        !peak.blended
+            && peak.light_dn > 20.0 * 3.0 * noise
+            && image.at(peak.pixel[0], peak.pixel[1]) < 0.9 * saturation_dn
+    };
+    let bright: Vec<&Peak> = peaks.iter().filter(good).take(60).collect();
+    let mut sigma = FIRST_SPOT_SIGMA_PX;
+    for _ in 0..3 {
+        let mut widths: Vec<f64> = bright
+            .iter()
+            .filter_map(|peak| {
+                let start = peak.centre.map(|c| c as f64 + 0.5);
+                let weight = sigma * WEIGHT_RATIO.sqrt();
+                let window = centroid::windowed(image, background, start, sigma, weight, hot)?;
+                Some(shape(&window, weight)?.0)
+            })
+            .collect();
+        // Fewer than three do not say what the spots of this image are like.
+        if widths.len() < 3 {
+            return sigma;
+        }
+        widths.sort_by(f64::total_cmp);
+        // Windows reach 3 weights, at most 31 px; narrower than half a pixel is no optics' image.
+        sigma = widths[widths.len() / 2].clamp(0.5, 7.0);
+    }
+    sigma
+}
+
+/// Width (px) and ellipticity of the spot in a Gaussian window: the window's inverse covariance is taken off the weighted one's.
+fn shape(window: &Windowed, weight_sigma_px: f64) -> Option<(f64, f64)> {
+    let [xx, xy, yy] = window.moments_px2;
+    let determinant = xx * yy - xy * xy;
+    if !(xx > 0.0 && determinant > 0.0) {
+        return None;
+    }
+    let own = 1.0 / (weight_sigma_px * weight_sigma_px);
+    let [a, b, c] = [yy / determinant - own, -xy / determinant, xx / determinant - own];
+    let inverse = a * c - b * b;
+    if !(a > 0.0 && inverse > 0.0) {
+        return None;
+    }
+    let (mean, half) = ((a + c) / 2.0, ((a - c) / 2.0).hypot(b));
+    Some((inverse.powf(-0.25), 1.0 - ((mean - half) / (mean + half)).max(0.0).sqrt()))
+}
+
+fn measure(
+    image: &CameraImage,
+    background: &Background,
+    options: &DetectOptions,
+    peak: &Peak,
+    spot_sigma_px: f64,
+    saturation_dn: f32,
+    hot: &[[usize; 2]],
+) -> Option<LightPoint> {
+    let start = peak.centre.map(|c| c as f64 + 0.5);
+    let near = |at: &&[usize; 2]| (0..2).all(|k| at[k].abs_diff(peak.centre[k]) < 32);
+    let skip: Vec<[usize; 2]> = hot.iter().filter(near).copied().collect();
+    let weight = spot_sigma_px * WEIGHT_RATIO.sqrt();
+    let window = centroid::windowed(image, background, start, spot_sigma_px, weight, &skip)?;
+    let noise = background.noise_dn(start[0], start[1]);
+    let per_dn = options.gain_e_per_dn.map_or(0.0, |gain| 1.0 / gain);
+    // Of a Gaussian spot in the window: its light is ratio / (ratio + 1) of the whole, and so is the
+    // weighted mean's share of a shift.
+    let share = WEIGHT_RATIO / (WEIGHT_RATIO + 1.0);
+    let variance = |sums: [f64; 2]| (noise * noise * sums[0] + per_dn * sums[1].max(0.0)).max(0.0);
+    let flux = window.light_dn / share;
+    let flux_sigma = variance(window.squares).sqrt() / share;
+    let [px, py] = peak.pixel;
+    let mut point = LightPoint {
+        x_px: window.x_px,
+        y_px: window.y_px,
+        sigma_px: variance(window.spread).sqrt() / (window.light_dn * share),
+        flux_dn: flux,
+        peak_dn: f64::from(image.at(px, py)) - background.level_dn(start[0], start[1]),
+        saturated: image.at(px, py) >= saturation_dn,
+        blended: peak.blended || !window.converged,
+        width_px: shape(&window, weight).map(|s| s.0),
+        ellipticity: shape(&window, weight).map(|s| s.1),
+        snr: flux / flux_sigma,
+    };
+    if options.centroid == Centroid::Moments {
+        let (mean, total, variance) = centroid::moments(
+            image,
+            background,
+            peak.pixel,
+            options.threshold_sigma,
+            options.gain_e_per_dn,
+            &skip,
+        )?;
+        [point.x_px, point.y_px] = mean;
+        point.flux_dn = total;
+        point.sigma_px = (0.5 * (variance[0] + variance[1])).sqrt();
+    }
+    Some(point)
+}
+
+/// Marks points with a neighbour of at least a hundredth of their light within reach.
+fn flag_neighbours(points: &mut [LightPoint], reach_px: f64) {
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by(|&a, &b| points[a].y_px.total_cmp(&points[b].y_px));
+    for i in 0..order.len() {
+        for j in i + 1..order.len() {
+            let (a, b) = (points[order[i]], points[order[j]]);
+            if b.y_px - a.y_px > reach_px {
+                break;
+            }
+            if (a.x_px - b.x_px).hypot(a.y_px - b.y_px) < reach_px {
+                points[order[i]].blended |= b.flux_dn > 0.01 * a.flux_dn;
+                points[order[j]].blended |= a.flux_dn > 0.01 * b.flux_dn;
+            }
+        }
+    }
+}

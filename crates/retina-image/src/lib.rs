@@ -1,0 +1,33 @@
+//! Camera images, and the points of light in them.
+//!
+//! - [`CameraImage`]: grey digital numbers from PNG, TIFF or FITS, and back.
+//! - [`Background`]: level and noise of an image on a mesh that follows gradients.
+//! - [`detect_points`]: finds points of light and measures each to a small fraction of a pixel.
+//!
+//! Pixels: x right, y down, the centre of pixel (0, 0) is (0.5, 0.5).
+//!
+//! ```
+//! use retina_image::{CameraImage, DetectOptions, detect_points};
+//! let mut image = CameraImage::new(64, 64, 4095.0);
+//! for (at, value) in image.values.iter_mut().enumerate() {
+//!     let (x, y) = ((at % 64) as f32 + 0.5 - 30.2, (at / 64) as f32 + 0.5 - 20.7);
+//!     // Read noise stands in as a fixed pattern.
+//!     *value = 100.0 + ((at * 7919) % 13) as f32 * 0.3 + 2000.0 * (-(x * x + y * y) / 4.5).exp();
+//! }
+//! let found = detect_points(&image, &DetectOptions::default());
+//! assert_eq!(found.points.len(), 1);
+//! assert!((found.points[0].x_px - 30.2).abs() < 0.01);
+//! ```
+
+mod background;
+mod camera_image;
+mod centroid;
+mod detect;
+mod read;
+mod write;
+
+pub use background::Background;
+pub use camera_image::CameraImage;
+pub use centroid::Centroid;
+pub use detect::{DetectOptions, Detection, LightPoint, detect_points};
+pub use read::ReadOptions;

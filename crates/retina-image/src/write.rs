@@ -1,0 +1,49 @@
+//! Camera images into files.
+
+use std::path::Path;
+
+use fitsio_pure::image::{ImageData, build_image_hdu};
+use retina_files::{InputError, write_atomic};
+
+use crate::CameraImage;
+
+impl CameraImage {
+    /// Writes a 16-bit grey PNG of the digital numbers as they are, rounded, not scaled up (0 to 4095 of a 12-bit camera).
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write_png(&self, path: &Path) -> Result<(), InputError> {
+        let samples = self.values.iter().flat_map(|&value| {
+            // A cast saturates at 0 and 65 535.
+            (value.round() as u16).to_be_bytes()
+        });
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, self.width_px, self.height_px);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_depth(png::BitDepth::Sixteen);
+        encoder.set_compression(png::Compression::Fast);
+        let samples: Vec<u8> = samples.collect();
+        let write = || {
+            let mut writer = encoder.write_header()?;
+            writer.write_image_data(&samples)?;
+            writer.finish()
+        };
+        write().map_err(|error| InputError::new(path, format!("cannot be encoded: {error}")))?;
+        store(path, &bytes)
+    }
+
+    /// Writes a FITS image of 32-bit floats (BITPIX -32), first row of the file at the top.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write_fits(&self, path: &Path) -> Result<(), InputError> {
+        let axes = [self.width_px as usize, self.height_px as usize];
+        let bytes = build_image_hdu(-32, &axes, &ImageData::F32(self.values.clone()))
+            .map_err(|error| InputError::new(path, format!("cannot be encoded: {error}")))?;
+        store(path, &bytes)
+    }
+}
+
+fn store(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
+    write_atomic(path, bytes).map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+}
