@@ -113,6 +113,17 @@ impl Bench {
         &self.sensor
     }
 
+    /// Electrons a second in the brightest pixel of one channel's sub-pixel at count 255, where the optics
+    /// are sharpest.
+    pub fn sharpest_peak_e_s(&self) -> f64 {
+        self.optics.sharpest_share() * self.full_e_s.iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Electrons a second that a sub-pixel at count 255 on the axis makes, by channel.
+    pub fn full_e_s(&self) -> [f64; 3] {
+        self.full_e_s
+    }
+
     /// The camera as it stands.
     pub fn camera(&self) -> &CameraPose {
         self.optics.camera()

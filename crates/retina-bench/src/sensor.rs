@@ -81,6 +81,17 @@ impl Sensor {
         &self.efficiency
     }
 
+    /// Charge at which a pixel is full, electrons.
+    pub fn full_well_e(&self) -> f64 {
+        self.full_well_e
+    }
+
+    /// Digital number at which a pixel is full or the digitiser ends.
+    pub fn saturation_dn(&self) -> f64 {
+        let full = self.full_well_e * (1.0 + self.nonlinearity) / self.gain_e_per_dn + self.offset_dn;
+        full.min(self.largest_dn)
+    }
+
     /// Largest digital number.
     pub fn largest_dn(&self) -> u16 {
         self.largest_dn as u16

@@ -5,11 +5,13 @@ use std::io::{IsTerminal as _, Write as _};
 
 use miette::{Diagnostic, LabeledSpan, MietteHandlerOpts, NamedSource, ReportHandler, SourceCode};
 use retina_batch::BatchError;
+use retina_bench::BenchError;
 use retina_files::InputError;
 use retina_render::RenderError;
 
-/// What ends the command with exit code 2.
+/// What ends the command with exit code 2, or 1 where all was done and a tolerance is exceeded.
 pub(crate) struct Failure {
+    exit_code: u8,
     message: String,
     help: Option<String>,
     source: Option<NamedSource<String>>,
@@ -19,7 +21,17 @@ pub(crate) struct Failure {
 impl Failure {
     /// A failure that is no input's fault.
     pub(crate) fn new(message: impl Into<String>) -> Self {
-        Self { message: message.into(), help: None, source: None, span: None }
+        Self { exit_code: 2, message: message.into(), help: None, source: None, span: None }
+    }
+
+    /// All is done and written, but a tolerance that the caller asked for is exceeded.
+    pub(crate) fn exceeded(message: impl Into<String>) -> Self {
+        Self { exit_code: 1, ..Self::new(message) }
+    }
+
+    /// The command's exit code.
+    pub(crate) fn exit_code(&self) -> u8 {
+        self.exit_code
     }
 
     /// Prints the error to standard error, with the place in the file underlined where it has one.
@@ -50,7 +62,7 @@ impl From<InputError> for Failure {
             }
             None => (None, None),
         };
-        Self { message, help: error.help, source, span }
+        Self { exit_code: 2, message, help: error.help, source, span }
     }
 }
 
@@ -59,6 +71,15 @@ impl From<BatchError> for Failure {
         match error {
             BatchError::Input(error) => error.into(),
             BatchError::Render(error) => error.into(),
+            error => Self::new(error.to_string()),
+        }
+    }
+}
+
+impl From<BenchError> for Failure {
+    fn from(error: BenchError) -> Self {
+        match error {
+            BenchError::Input(error) => error.into(),
             error => Self::new(error.to_string()),
         }
     }

@@ -44,6 +44,9 @@ enum Command {
     /// Traces lens systems: spots, wavefronts, tolerances, drawings.
     #[command(subcommand)]
     Optics(command::optics::Command),
+    /// Measures on the virtual bench: points, power readings, frames.
+    #[command(subcommand)]
+    Simulate(command::simulate::Command),
     /// Says which graphics adapter would render.
     Adapter(command::adapter::Arguments),
 }
@@ -60,13 +63,14 @@ fn main() -> ExitCode {
         Command::Trajectory(arguments) => command::trajectory::run(arguments),
         Command::Sheet(arguments) => command::sheet::run(arguments),
         Command::Optics(command) => command::optics::run(command),
+        Command::Simulate(command) => command::simulate::run(&command),
         Command::Adapter(arguments) => command::adapter::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             failure.show();
-            ExitCode::from(2)
+            ExitCode::from(failure.exit_code())
         }
     }
 }

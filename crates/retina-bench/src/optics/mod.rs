@@ -254,6 +254,11 @@ impl BenchOptics {
         (!light.is_nan()).then(|| (DVec2::new(value(0), value(1)), light))
     }
 
+    /// The largest share of a sub-pixel's light that one pixel receives, where the optics are sharpest.
+    pub fn sharpest_share(&self) -> f64 {
+        f64::from(self.kernels.tail[0])
+    }
+
     /// The camera as it stands.
     pub fn camera(&self) -> &CameraPose {
         &self.camera

@@ -9,6 +9,7 @@ pub(crate) mod pattern;
 pub(crate) mod render;
 pub(crate) mod serve;
 pub(crate) mod sheet;
+pub(crate) mod simulate;
 pub(crate) mod trajectory;
 pub(crate) mod warp;
 

@@ -1,0 +1,209 @@
+//! Physical effects by id: what `--effect ID=VALUE[UNIT][,VALUE...]` may say.
+
+use std::path::Path;
+
+use retina_files::{InputError, nearest};
+
+/// The table in which an effect shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Table {
+    /// points.csv.
+    Points,
+    /// power.csv.
+    Power,
+    /// frames.csv.
+    Frames,
+}
+
+/// An effect that the bench knows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EffectKind {
+    /// Its id, as in the catalogue of effects.
+    pub id: &'static str,
+    /// The table in which it shows; those of points show in frames as well.
+    pub table: Table,
+    /// Units and what one of each is in the effect's own; the first is taken where none is written.
+    pub units: &'static [(&'static str, f64)],
+    /// Most values.
+    pub values: usize,
+    /// What the value is.
+    pub meaning: &'static str,
+}
+
+const DEG: f64 = std::f64::consts::PI / 180.0;
+const ANGLE: &[(&str, f64)] = &[("deg", DEG), ("arcmin", DEG / 60.0), ("arcsec", DEG / 3600.0)];
+const ARCSEC: &[(&str, f64)] = &[("arcsec", DEG / 3600.0), ("arcmin", DEG / 60.0), ("deg", DEG)];
+const PATH: &[(&str, f64)] = &[("um", 1e-3), ("nm", 1e-6)];
+const SHARE: &[(&str, f64)] = &[("", 1.0), ("%", 0.01)];
+const PLAIN: &[(&str, f64)] = &[("", 1.0)];
+const PX: &[(&str, f64)] = &[("px", 1.0)];
+
+macro_rules! kinds {
+    ($($id:literal $table:ident $units:expr, $values:literal, $meaning:literal;)*) => {
+        &[$(EffectKind { id: $id, table: Table::$table, units: $units, values: $values, meaning: $meaning }),*]
+    };
+}
+
+const KINDS: &[EffectKind] = kinds! {
+    "screen_tilt" Points ANGLE, 2, "the display's tilt: its +x side, its +y side, away from the lenses";
+    "camera_pointing" Points ANGLE, 2, "the camera's boresight beside the axis, towards +x, +y";
+    "decentering" Points ARCSEC, 2, "p1, p2 of the objective, as their shift at half the camera's width";
+    "optical_centre" Points PX, 2, "the display's centre beside the axis, screen pixels";
+    "thin_prism" Points ARCSEC, 2, "a wedge in the collimated beam, as its shift at half the camera's width";
+    "radial_higher_order" Points ARCSEC, 1, "the objective's r^5 distortion at half the camera's width";
+    "screen_bow" Points PATH, 2, "sag a (x^2 - y^2) + b x y of the display at the edge that the camera sees";
+    "flux_coma" Points PATH, 1, "the objective's coma (path at the pupil's rim) at half the camera's width";
+    "flux_shift" Points PATH, 2, "the same all over the field: a lens out of line, along x, y";
+    "background_gradient" Points &[("e/s", 1.0)], 2, "stray light's rise from the centre to the +x, +y edge";
+    "lateral_colour" Points ARCSEC, 1, "the objective's, from 475 to 605 nm, at half the camera's width";
+    "colour_wedge" Points ARCSEC, 2, "a wedge's dispersion from 475 to 605 nm, along x, y";
+    "subpixel_offset" Points PX, 1, "pitch of the sub-pixels, screen pixels (a third by itself)";
+    "thermal_boresight" Points &[("arcsec/K", DEG / 3600.0)], 2, "the mount's turn, along x, y";
+    "thermal_focal" Points &[("ppm/K", 1e-6)], 1, "the objective's focal length";
+    "drift" Points &[("arcsec/h", DEG / 3600.0)], 2, "the camera's boresight in time, along x, y";
+    "roll_drift" Points &[("arcsec/h", DEG / 3600.0)], 1, "the camera's roll, as its shift at half its width";
+    "knock" Points ARCSEC, 2, "a step of the boresight half way through the campaign, along x, y";
+    "camera_pixel_phase" Points SHARE, 1, "sensitive part of the camera's pixel along each axis";
+    "row_loading_shift" Points PX, 1, "shift along x of a pixel whose row is all lit, screen pixels";
+    "gamma" Power PLAIN, 1, "exponent of the display's response";
+    "black_level" Power SHARE, 1, "light at count 0 over light at 255";
+    "square_loading" Power SHARE, 1, "loss of light where the whole screen is lit";
+    "pixel_crosstalk" Power SHARE, 1, "light that a lit neighbour lends, of a pixel's own";
+    "self_heating" Power &[("%", 0.01), ("", 1.0)], 1, "rise of the light until the display is warm (20 min)";
+    "ageing" Power &[("%", 0.01), ("", 1.0)], 1, "loss of light for 1000 hours of full white";
+    "meter_zero" Power &[("nW", 1e-9), ("pW", 1e-12), ("W", 1.0)], 1, "the meter's reading in the dark";
+    "meter_wavelength" Power SHARE, 3, "error of the meter's responsivity: red, green, blue";
+    "meter_nonlinearity" Power SHARE, 1, "excess of the meter's reading at the brightest reading";
+    "channel_nonadditivity" Power SHARE, 1, "loss of white against red + green + blue";
+    "attenuator_not_changed" Power PLAIN, 1, "factor on the readings of one series";
+    "defocus" Frames &[("mm", 1.0), ("um", 1e-3)], 1, "the display behind its place";
+    "veiling_glare" Frames SHARE, 1, "light spread over the whole image";
+    "ghost" Frames SHARE, 1, "reflectance of a coated surface";
+    "vignetting" Frames SHARE, 1, "clear part of each lens's semi-diameter";
+    "dark_offset" Frames &[("DN", 1.0)], 1, "digital number of no light above the setup's";
+    "detector_nonlinearity" Frames SHARE, 1, "excess of the signal at full well";
+    "saturation" Frames &[("e", 1.0)], 1, "full well, electrons";
+    "prnu" Frames SHARE, 1, "scatter of the camera pixels' response";
+    "mura" Frames SHARE, 1, "scatter of the screen pixels' light";
+    "image_shift" Frames PX, 2, "shift of the camera image, camera pixels";
+    "roll" Frames ANGLE, 1, "turn of the camera";
+    "scale" Frames SHARE, 1, "relative change of the camera's focal length";
+};
+
+/// All effects that the bench knows.
+pub fn known_effects() -> &'static [EffectKind] {
+    KINDS
+}
+
+/// An effect and its size.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Effect {
+    /// What it is.
+    pub kind: &'static EffectKind,
+    /// Its values in radians, mm, pixels, shares ...; at least one, missing ones are 0.
+    pub values: Vec<f64>,
+    /// As it was written.
+    pub text: String,
+}
+
+impl Effect {
+    /// Reads `ID=VALUE[UNIT][,VALUE[UNIT]]`.
+    ///
+    /// # Errors
+    /// An unknown id or unit, a number that does not read, too many values.
+    pub fn parse(text: &str) -> Result<Self, InputError> {
+        let error =
+            |problem: &str| InputError::new(Path::new("--effect"), problem).found(format!("`{text}`"));
+        let (id, values) = text.split_once('=').ok_or_else(|| {
+            error("an effect needs a size").expected("ID=VALUE, for example screen_tilt=0.1deg")
+        })?;
+        let Some(kind) = KINDS.iter().find(|kind| kind.id == id) else {
+            let error = error("there is no such effect in the bench");
+            let ids = || KINDS.iter().map(|kind| kind.id);
+            return Err(match nearest(id, ids()) {
+                Some(near) => error.help(format!("did you mean `{near}`?")),
+                None => error.expected(ids().collect::<Vec<_>>().join(", ")),
+            });
+        };
+        let units = || kind.units.iter().map(|(unit, _)| *unit).filter(|unit| !unit.is_empty());
+        let of = |part: &str| {
+            let part = part.trim();
+            let cut = part
+                .char_indices()
+                .find(|(i, c)| {
+                    let exponent =
+                        *c == 'e' && part[i + 1..].starts_with(|c: char| c.is_ascii_digit() || c == '-');
+                    !(c.is_ascii_digit() || matches!(c, '.' | '-' | '+') || exponent)
+                })
+                .map_or(part.len(), |(i, _)| i);
+            let (number, unit) = part.split_at(cut);
+            let number: f64 = number.parse().map_err(|_| error("the size is no number"))?;
+            let unit = unit.trim();
+            let factor = if unit.is_empty() {
+                Some(kind.units[0].1)
+            } else {
+                kind.units.iter().find(|(name, _)| *name == unit).map(|(_, factor)| *factor)
+            };
+            let factor = factor.ok_or_else(|| {
+                let expected: Vec<&str> = units().collect();
+                error("the effect has no such unit").expected(if expected.is_empty() {
+                    "a number without unit".to_owned()
+                } else {
+                    expected.join(", ")
+                })
+            })?;
+            Ok::<f64, InputError>(number * factor)
+        };
+        let values: Vec<f64> = values.split(',').map(of).collect::<Result<_, _>>()?;
+        if values.len() > kind.values || values.iter().any(|value| !value.is_finite()) {
+            return Err(error("the effect takes other values")
+                .expected(format!("at most {} finite: {}", kind.values, kind.meaning)));
+        }
+        Ok(Self { kind, values, text: text.to_owned() })
+    }
+
+    /// The first value.
+    pub fn value(&self) -> f64 {
+        self.values[0]
+    }
+
+    /// Two values, the second 0 where it is missing.
+    pub fn pair(&self) -> [f64; 2] {
+        [self.values[0], self.values.get(1).copied().unwrap_or(0.0)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn effects_read_with_their_units() {
+        let tilt = Effect::parse("screen_tilt=0.1deg,6arcmin").unwrap();
+        assert!((tilt.pair()[0] - 0.1f64.to_radians()).abs() < 1e-15);
+        assert!((tilt.pair()[1] - 0.1f64.to_radians()).abs() < 1e-15);
+        assert_eq!(Effect::parse("black_level=1e-4").unwrap().value(), 1e-4);
+        assert_eq!(Effect::parse("black_level=2%").unwrap().value(), 0.02);
+        assert_eq!(Effect::parse("background_gradient=30e/s").unwrap().value(), 30.0);
+        assert_eq!(Effect::parse("saturation=5000e").unwrap().value(), 5000.0);
+        for (text, says) in [
+            ("screen_tlt=1", "did you mean `screen_tilt`"),
+            ("screen_tilt", "ID=VALUE"),
+            ("screen_tilt=0.1mm", "no such unit"),
+            ("screen_tilt=x", "no number"),
+            ("roll=1,2", "at most 1"),
+            ("mura=NaN", "no number"),
+        ] {
+            let error = Effect::parse(text).unwrap_err().to_string();
+            let full = format!("{:?}", Effect::parse(text).unwrap_err());
+            assert!(error.contains(says) || full.contains(says), "{text}: {full}");
+        }
+    }
+
+    #[test]
+    fn ids_are_given_once() {
+        for (i, kind) in KINDS.iter().enumerate() {
+            assert!(KINDS[..i].iter().all(|other| other.id != kind.id), "{}", kind.id);
+        }
+    }
+}

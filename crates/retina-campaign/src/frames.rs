@@ -1,0 +1,129 @@
+//! `frames.csv` from the bench: screen images shown and photographed.
+
+use std::path::{Path, PathBuf};
+
+use retina_bench::{BenchError, Exposure, OpticsDetail, ScreenImage};
+use retina_files::{InputError, write_atomic};
+
+use crate::points::{camera_image, make_folder};
+use crate::{Facility, TemperatureProfile};
+
+/// A campaign of frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FramesOptions {
+    /// Folder of screen images: `frames/NNNNNN.png` as `retina render` writes them, or PNG files themselves.
+    pub screens: PathBuf,
+    /// Exposure time, s; by default the brightest pixel of the first frame fills 60 % of the full well.
+    pub exposure_s: Option<f64>,
+    /// Between frames, s.
+    pub interval_s: f64,
+    /// The bench's temperature.
+    pub temperature: TemperatureProfile,
+    /// Detail of the optics.
+    pub detail: OpticsDetail,
+}
+
+/// What a campaign gave.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FramesResult {
+    /// Frames photographed.
+    pub frames: usize,
+    /// Their exposure time, s.
+    pub exposure_s: f64,
+}
+
+/// The screen images of a folder, by name.
+fn screens_of(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
+    let below = folder.join("frames");
+    let folder = if below.is_dir() { below } else { folder.to_path_buf() };
+    let entries = std::fs::read_dir(&folder)
+        .map_err(|error| InputError::new(&folder, format!("cannot be read: {error}")))?;
+    let mut files: Vec<PathBuf> = entries
+        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+        .filter(|path| path.extension().is_some_and(|extension| extension == "png"))
+        .collect();
+    files.sort();
+    if files.is_empty() {
+        return Err(InputError::new(&folder, "holds no screen images")
+            .expected("PNG files, as `retina render` writes them"));
+    }
+    Ok(files)
+}
+
+fn read_screen(path: &Path) -> Result<ScreenImage, InputError> {
+    let image = image::open(path)
+        .map_err(|error| InputError::new(path, format!("is no image that can be read: {error}")))?;
+    let deep = !matches!(
+        image.color(),
+        image::ColorType::L8 | image::ColorType::La8 | image::ColorType::Rgb8 | image::ColorType::Rgba8
+    );
+    if deep {
+        return Err(InputError::new(path, "a screen image holds digital counts of 8 bits")
+            .found(format!("{:?}", image.color())));
+    }
+    let rgb = image.to_rgb8();
+    let (width_px, height_px) = rgb.dimensions();
+    Ok(ScreenImage { width_px, height_px, counts: rgb.pixels().map(|pixel| pixel.0).collect() })
+}
+
+/// Photographs each screen image: `out/images/NAME.png` and `out/frames.csv`, which names the linear EXR
+/// beside a rendered screen image where there is one. Images that are there already are kept.
+///
+/// # Errors
+/// A file that does not fit or cannot be written; the bench cannot be built.
+pub fn simulate_frames(
+    facility: &Facility,
+    options: &FramesOptions,
+    out: &Path,
+    progress: impl Fn(usize, usize),
+) -> Result<FramesResult, BenchError> {
+    let files = screens_of(&options.screens)?;
+    let images = out.join("images");
+    make_folder(&images)?;
+    let bench = facility.bench(options.detail)?;
+    let exposure_s = match options.exposure_s {
+        Some(exposure_s) => exposure_s,
+        None => {
+            let light = bench.light_e(&read_screen(&files[0])?, &Exposure::new(1.0, 0))?;
+            let peak = f64::from(light.iter().copied().fold(0.0, f32::max));
+            if peak <= 0.0 {
+                return Err(InputError::new(&files[0], "the first screen image is dark")
+                    .help("give the exposure time")
+                    .into());
+            }
+            0.6 * bench.sensor().full_well_e() / peak
+        }
+    };
+    let mut list = String::from("predicted,measured,time_s,temperature_c,exposure_s\n");
+    for (index, file) in files.iter().enumerate() {
+        let time_s = index as f64 * options.interval_s;
+        let temperature_c = options.temperature.at_c(time_s);
+        let pose = facility.dynamics.pose(
+            bench.camera().pinhole.fx_px,
+            time_s,
+            temperature_c,
+            facility.seed,
+            index as u64,
+        );
+        let exposure = Exposure { exposure_s, temperature_c, pose, frame: index as u64 };
+        let name = file.file_name().unwrap_or_default();
+        let target = images.join(name);
+        if !target.exists() {
+            let frame = bench.expose(&read_screen(file)?, &exposure)?;
+            camera_image(&bench, frame).write_png(&target)?;
+        }
+        let radiance = file.with_extension("exr");
+        let predicted = if radiance.exists() { radiance } else { file.clone() };
+        let predicted = std::path::absolute(&predicted).unwrap_or(predicted);
+        list.push_str(&format!(
+            "{},images/{},{time_s},{temperature_c},{exposure_s}\n",
+            predicted.display(),
+            name.to_string_lossy()
+        ));
+        progress(index + 1, files.len());
+    }
+    let path = out.join("frames.csv");
+    write_atomic(&path, list.as_bytes())
+        .map_err(|error| InputError::new(&path, format!("cannot be written: {error}")))?;
+    Ok(FramesResult { frames: files.len(), exposure_s })
+}

@@ -1,0 +1,20 @@
+//! Measurement campaigns on the virtual bench.
+//!
+//! - [`Effect`]: a physical effect by its id and size (`screen_tilt=0.1deg`), set at the place where it acts.
+//! - [`Facility`]: a setup with effects: what is wrong with the bench, and what changes in time.
+//! - [`simulate_points`], [`simulate_power`], [`simulate_frames`]: the tables that a real facility's
+//!   campaigns give.
+
+mod effects;
+mod facility;
+mod frames;
+mod points;
+mod power;
+mod stars;
+
+pub use effects::{Effect, EffectKind, Table, known_effects};
+pub use facility::{Dynamics, Facility, TemperatureProfile};
+pub use frames::{FramesOptions, FramesResult, simulate_frames};
+pub use points::{PointsOptions, PointsResult, simulate_points};
+pub use power::{PowerOptions, PowerReading, simulate_power};
+pub use stars::{StarRow, StarsOptions, StarsResult, simulate_stars};

@@ -1,0 +1,433 @@
+//! `retina simulate points|power|frames`.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use retina_bench::OpticsDetail;
+use retina_calibration::geometry::Channel;
+use retina_campaign::{
+    Effect, Facility, FramesOptions, PointsOptions, PowerOptions, PowerReading, StarsOptions, Table,
+    TemperatureProfile, known_effects, simulate_frames, simulate_points, simulate_power, simulate_stars,
+};
+use retina_files::{InputError, write_atomic};
+use retina_geometry::{Calibration, Setup};
+use retina_image::Centroid;
+use serde_json::{Value, json};
+
+use crate::failure::Failure;
+use crate::output::{print_json, print_lines, tell};
+
+/// Measurement campaigns on the virtual bench.
+#[derive(clap::Subcommand)]
+pub(crate) enum Command {
+    /// Shows patterns of single pixels, photographs and measures them: points.csv.
+    Points(PointsArguments),
+    /// Lights squares in front of a power meter: power.csv.
+    Power(PowerArguments),
+    /// Photographs rendered screen images: images/ and frames.csv.
+    Frames(FramesArguments),
+    /// Shows stars through a calibration and measures them: stars.csv.
+    Stars(StarsArguments),
+    /// Lists the effects that --effect takes.
+    Effects(EffectsArguments),
+}
+
+/// What every campaign takes.
+#[derive(clap::Args)]
+struct Common {
+    /// The facility, schema retina.setup/1.
+    #[arg(long)]
+    setup: PathBuf,
+    /// Seed of the bench's patterns and noise, and of the places.
+    #[arg(long)]
+    seed: u64,
+    /// Folder for the result.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// An effect and its size, for example screen_tilt=0.1deg; may be given several times.
+    #[arg(long = "effect", value_name = "ID=VALUE")]
+    effects: Vec<String>,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Profile {
+    Constant,
+    WarmUp,
+    Cycle,
+}
+
+impl From<Profile> for TemperatureProfile {
+    fn from(profile: Profile) -> Self {
+        match profile {
+            Profile::Constant => Self::Constant,
+            Profile::WarmUp => Self::WarmUp,
+            Profile::Cycle => Self::Cycle,
+        }
+    }
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum ChannelName {
+    R,
+    G,
+    B,
+    W,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum CentroidName {
+    /// Moments under a window matched to the spot.
+    Windowed,
+    /// Centre of mass above a threshold.
+    Moments,
+}
+
+impl From<CentroidName> for Centroid {
+    fn from(name: CentroidName) -> Self {
+        match name {
+            CentroidName::Windowed => Self::Windowed,
+            CentroidName::Moments => Self::Moments,
+        }
+    }
+}
+
+#[derive(clap::Args)]
+pub(crate) struct PointsArguments {
+    #[command(flatten)]
+    common: Common,
+    /// Exposures.
+    #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u16).range(1..=999))]
+    exposures: u16,
+    /// Points in each.
+    #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u16).range(1..=5000))]
+    points: u16,
+    /// Time between exposures, s.
+    #[arg(long, default_value_t = 60.0)]
+    interval_s: f64,
+    /// The bench's temperature: 20 degC; from 20 to 24; 18 to 22 in 90 minutes.
+    #[arg(long, value_enum, default_value = "warm-up")]
+    temperature: Profile,
+    /// Exposure time of the faintest group of counts, s [default: peaks at 60 % of the full well].
+    #[arg(long)]
+    exposure_s: Option<f64>,
+    /// Sub-pixels that are lit.
+    #[arg(long, value_enum, default_value = "w")]
+    channel: ChannelName,
+    /// Digital counts [default: every 0.75 mag from 255 to 5].
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..))]
+    counts: Vec<u8>,
+    /// The estimator of centroids.
+    #[arg(long, value_enum, default_value = "windowed")]
+    centroid: CentroidName,
+    /// Keep the pattern and the camera's images: DIR/pattern and DIR/images.
+    #[arg(long)]
+    images: bool,
+}
+
+#[derive(clap::Args)]
+pub(crate) struct PowerArguments {
+    #[command(flatten)]
+    common: Common,
+    /// Digital counts [default: 16 from 16 to 255].
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..))]
+    counts: Vec<u8>,
+    /// Sides of the lit squares; 0 is a dark reading.
+    #[arg(long, value_delimiter = ',', default_values_t = [0, 50, 100, 200])]
+    squares: Vec<u32>,
+    /// Times that all of it is measured.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    series: u16,
+}
+
+#[derive(clap::Args)]
+pub(crate) struct FramesArguments {
+    #[command(flatten)]
+    common: Common,
+    /// Folder of screen images, as `retina render` writes it.
+    #[arg(long, value_name = "DIR")]
+    screens: PathBuf,
+    /// Exposure time, s [default: the first frame's brightest pixel at 60 % of the full well].
+    #[arg(long)]
+    exposure_s: Option<f64>,
+    /// Time between frames, s.
+    #[arg(long, default_value_t = 60.0)]
+    interval_s: f64,
+    /// The bench's temperature.
+    #[arg(long, value_enum, default_value = "constant")]
+    temperature: Profile,
+}
+
+#[derive(clap::Args)]
+pub(crate) struct StarsArguments {
+    #[command(flatten)]
+    common: Common,
+    /// The facility's calibration; without it nothing is compensated.
+    #[arg(long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
+    /// Exposures.
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=9999))]
+    exposures: u16,
+    /// Stars in each.
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=2000))]
+    stars: u16,
+    /// Brightest magnitude.
+    #[arg(long, default_value_t = 2.0, allow_negative_numbers = true)]
+    brightest: f64,
+    /// Faintest magnitude.
+    #[arg(long, default_value_t = 5.5, allow_negative_numbers = true)]
+    faintest: f64,
+    /// Exposure time, s [default: the brightest star's peak at 60 % of the full well].
+    #[arg(long)]
+    exposure_s: Option<f64>,
+    /// The estimator of centroids.
+    #[arg(long, value_enum, default_value = "windowed")]
+    centroid: CentroidName,
+    /// Exit with 1 if fewer than this share of the errors is within --within-arcsec.
+    #[arg(long, requires = "within_arcsec")]
+    share: Option<f64>,
+    /// The error that --share is about, arcsec.
+    #[arg(long)]
+    within_arcsec: Option<f64>,
+}
+
+#[derive(clap::Args)]
+pub(crate) struct EffectsArguments {
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(command: &Command) -> Result<(), Failure> {
+    match command {
+        Command::Stars(arguments) => stars(arguments),
+        Command::Points(arguments) => points(arguments),
+        Command::Power(arguments) => power(arguments),
+        Command::Frames(arguments) => frames(arguments),
+        Command::Effects(arguments) => effects(arguments),
+    }
+}
+
+/// A positive number of a flag.
+fn positive(flag: &str, value: f64) -> Result<f64, Failure> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(value);
+    }
+    Err(InputError::new(Path::new(flag), "is not a positive number").found(value).into())
+}
+
+impl Common {
+    fn facility(&self, table: Table, length_s: f64) -> Result<Facility, Failure> {
+        let setup = Setup::read(&self.setup)?;
+        let effects: Vec<Effect> =
+            self.effects.iter().map(|text| Effect::parse(text)).collect::<Result<_, _>>()?;
+        let facility = Facility::new(&setup, &effects, table, length_s, self.seed)?;
+        std::fs::create_dir_all(&self.out)
+            .map_err(|error| InputError::new(&self.out, format!("the folder cannot be made: {error}")))?;
+        Ok(facility)
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Failure> {
+        let path = self.out.join(name);
+        write_atomic(&path, bytes)
+            .map_err(|error| InputError::new(&path, format!("cannot be written: {error}")).into())
+    }
+
+    /// `campaign.json` beside the table: what was simulated.
+    fn finish(&self, kind: &str, facility: &Facility, mut summary: Value) -> Result<(), Failure> {
+        summary["schema"] = "retina.campaign/1".into();
+        summary["kind"] = kind.into();
+        summary["setup"] = facility.setup.name.clone().into();
+        summary["seed"] = self.seed.into();
+        summary["effects"] = facility.effects.iter().map(|effect| effect.text.clone()).collect();
+        self.write("campaign.json", format!("{summary:#}\n").as_bytes())?;
+        if self.json { print_json(&summary) } else { Ok(()) }
+    }
+}
+
+fn bar(length: u64, unit: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template(&format!(
+        "{{wide_bar}} {{pos}}/{{len}} {unit}, {{elapsed}} gone, {{eta}} left"
+    ));
+    let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr())
+        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.enable_steady_tick(Duration::from_millis(500));
+    bar
+}
+
+fn points(arguments: &PointsArguments) -> Result<(), Failure> {
+    let options = PointsOptions {
+        exposures: usize::from(arguments.exposures),
+        points: usize::from(arguments.points),
+        interval_s: positive("--interval-s", arguments.interval_s)?,
+        temperature: arguments.temperature.into(),
+        exposure_s: arguments.exposure_s.map(|value| positive("--exposure-s", value)).transpose()?,
+        channel: match arguments.channel {
+            ChannelName::R => Channel::R,
+            ChannelName::G => Channel::G,
+            ChannelName::B => Channel::B,
+            ChannelName::W => Channel::W,
+        },
+        counts: arguments.counts.clone(),
+        centroid: arguments.centroid.into(),
+        ..PointsOptions::default()
+    };
+    let common = &arguments.common;
+    let facility = common.facility(Table::Points, options.length_s())?;
+    let bar = bar(u64::from(arguments.exposures), "exposures");
+    let keep = arguments.images.then_some(common.out.as_path());
+    let result = simulate_points(&facility, &options, keep, |done| bar.set_position(done as u64))?;
+    bar.finish_and_clear();
+    result.table.write(&common.out.join("points.csv"))?;
+    tell!(
+        "{}: {} of {} points measured in {} exposures",
+        common.out.join("points.csv").display(),
+        result.table.rows.len(),
+        result.shown,
+        result.exposures_s.len()
+    );
+    common.finish(
+        "points",
+        &facility,
+        json!({"points": result.table.rows.len(), "shown": result.shown, "exposure_s": result.exposures_s}),
+    )
+}
+
+fn power(arguments: &PowerArguments) -> Result<(), Failure> {
+    let mut options = PowerOptions {
+        squares_px: arguments.squares.clone(),
+        series: usize::from(arguments.series),
+        ..PowerOptions::default()
+    };
+    if !arguments.counts.is_empty() {
+        options.counts = arguments.counts.clone();
+    }
+    let common = &arguments.common;
+    let setup = Setup::read(&common.setup)?;
+    let most = setup.screen.width_px.min(setup.screen.height_px);
+    if let Some(found) = options.squares_px.iter().find(|square| **square > most) {
+        return Err(InputError::new(Path::new("--squares"), "the square is larger than the screen")
+            .found(found)
+            .expected(format!("at most {most} pixels"))
+            .into());
+    }
+    let facility = common.facility(Table::Power, 0.0)?;
+    let readings = simulate_power(&facility, &options)?;
+    common.write("power.csv", PowerReading::csv(&readings).as_bytes())?;
+    tell!("{}: {} readings", common.out.join("power.csv").display(), readings.len());
+    common.finish("power", &facility, json!({"readings": readings.len()}))
+}
+
+fn frames(arguments: &FramesArguments) -> Result<(), Failure> {
+    let common = &arguments.common;
+    let options = FramesOptions {
+        screens: arguments.screens.clone(),
+        exposure_s: arguments.exposure_s.map(|value| positive("--exposure-s", value)).transpose()?,
+        interval_s: positive("--interval-s", arguments.interval_s)?,
+        temperature: arguments.temperature.into(),
+        detail: OpticsDetail::default(),
+    };
+    let facility = common.facility(Table::Frames, f64::MAX)?;
+    let bar = bar(0, "frames");
+    let result = simulate_frames(&facility, &options, &common.out, |done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    tell!("{}: {} frames of {:.3e} s", common.out.display(), result.frames, result.exposure_s);
+    common.finish("frames", &facility, json!({"frames": result.frames, "exposure_s": result.exposure_s}))
+}
+
+fn stars(arguments: &StarsArguments) -> Result<(), Failure> {
+    if !(arguments.brightest.is_finite() && arguments.faintest >= arguments.brightest) {
+        return Err(InputError::new(Path::new("--faintest"), "is brighter than --brightest")
+            .found(arguments.faintest)
+            .expected(format!("{} or more", arguments.brightest))
+            .into());
+    }
+    let options = StarsOptions {
+        exposures: usize::from(arguments.exposures),
+        stars: usize::from(arguments.stars),
+        magnitudes: [arguments.brightest, arguments.faintest],
+        exposure_s: arguments.exposure_s.map(|value| positive("--exposure-s", value)).transpose()?,
+        centroid: arguments.centroid.into(),
+        ..StarsOptions::default()
+    };
+    let common = &arguments.common;
+    let facility = common.facility(Table::Points, f64::MAX)?;
+    let calibration = match &arguments.calibration {
+        None => None,
+        Some(path) => Some(Calibration::read(path, &facility.setup)?),
+    };
+    let bar = bar(u64::from(arguments.exposures), "exposures");
+    let result =
+        simulate_stars(&facility, calibration.as_ref(), &options, |done| bar.set_position(done as u64))?;
+    bar.finish_and_clear();
+    common.write("stars.csv", result.csv().as_bytes())?;
+    let errors = result.errors_arcsec();
+    let within = |limit: f64| errors.partition_point(|e| *e <= limit) as f64 / errors.len().max(1) as f64;
+    let percentile =
+        |p: f64| errors.get(((errors.len() as f64 * p) as usize).min(errors.len().saturating_sub(1)));
+    tell!(
+        "{}: {} of {} stars measured, {:.3e} s; 50 / 68 / 96 / 99 % within {:.2} / {:.2} / {:.2} / {:.2} arcsec; \
+         {:.2} % within 10, {:.2} % within 3",
+        common.out.join("stars.csv").display(),
+        result.rows.len(),
+        result.shown,
+        result.exposure_s,
+        percentile(0.5).unwrap_or(&f64::NAN),
+        percentile(0.68).unwrap_or(&f64::NAN),
+        percentile(0.96).unwrap_or(&f64::NAN),
+        percentile(0.99).unwrap_or(&f64::NAN),
+        100.0 * within(10.0),
+        100.0 * within(3.0)
+    );
+    let summary = json!({
+        "shown": result.shown,
+        "measured": result.rows.len(),
+        "saturated": result.rows.len() - errors.len(),
+        "exposure_s": result.exposure_s,
+        "percentiles_arcsec": {"50": percentile(0.5), "68": percentile(0.68), "96": percentile(0.96), "99": percentile(0.99)},
+        "fraction_within_10_arcsec": within(10.0),
+        "fraction_within_3_arcsec": within(3.0),
+    });
+    common.finish("stars", &facility, summary)?;
+    match (arguments.share, arguments.within_arcsec) {
+        (Some(share), Some(limit)) if within(limit) < share => Err(Failure::exceeded(format!(
+            "{:.2} % of the errors are within {limit} arcsec, {:.2} % were asked for",
+            100.0 * within(limit),
+            100.0 * share
+        ))),
+        _ => Ok(()),
+    }
+}
+
+fn effects(arguments: &EffectsArguments) -> Result<(), Failure> {
+    let unit = |kind: &retina_campaign::EffectKind| kind.units[0].0;
+    if arguments.json {
+        let list: Vec<Value> = known_effects()
+            .iter()
+            .map(|kind| {
+                json!({
+                    "id": kind.id,
+                    "table": format!("{:?}", kind.table).to_lowercase(),
+                    "unit": unit(kind),
+                    "values": kind.values,
+                    "meaning": kind.meaning,
+                })
+            })
+            .collect();
+        return print_json(&json!({"schema": "retina.bench-effects/1", "effects": list}));
+    }
+    let lines: Vec<String> = known_effects()
+        .iter()
+        .map(|kind| {
+            let table = format!("{:?}", kind.table).to_lowercase();
+            format!("{:<22} {:<7} {:<9} {}", kind.id, table, unit(kind), kind.meaning)
+        })
+        .collect();
+    print_lines(&lines)
+}
