@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use crate::centroid::{self, WEIGHT_RATIO, Windowed};
+use crate::width::WidthMap;
 use crate::{Background, CameraImage, Centroid};
 
 /// How points are found and measured.
@@ -75,23 +76,26 @@ pub struct Detection {
     pub spot_sigma_px: f64,
 }
 
+/// A neighbour within so many standard deviations of the spot reaches into it.
+const NEIGHBOUR_SIGMAS: f64 = 6.0;
 /// Spots are taken to be this wide until they have been measured, px.
-const FIRST_SPOT_SIGMA_PX: f64 = 1.5;
+pub(crate) const FIRST_SPOT_SIGMA_PX: f64 = 1.5;
 /// The four neighbours of a spike have, on average, less than this share of it. A spot of 1.5 px full width at half
 /// maximum (sigma 0.64 px) centred on its pixel has 0.37; a hot pixel 0.
 const SPIKE_SHARE: f64 = 0.2;
-/// Two peaks are one point where the light between them does not fall below this share of the fainter.
-const SADDLE_SHARE: f64 = 0.85;
+/// Two peaks are one point where the light between them does not fall below this share of the fainter: a defocused
+/// spot is a disc with a brighter rim.
+const SADDLE_SHARE: f64 = 0.5;
 
 #[derive(Debug, Clone, Copy)]
-struct Peak {
+pub(crate) struct Peak {
     /// Brightest pixel.
-    pixel: [usize; 2],
+    pub(crate) pixel: [usize; 2],
     /// Sum of the 3 x 3 pixels about the place of the largest such sum, above the background, DN.
-    light_dn: f64,
+    pub(crate) light_dn: f64,
     /// That place.
-    centre: [usize; 2],
-    blended: bool,
+    pub(crate) centre: [usize; 2],
+    pub(crate) blended: bool,
 }
 
 /// Finds points of light: background on a mesh, 3 x 3 sums above a threshold, their local maxima, spikes taken out,
@@ -103,17 +107,16 @@ pub fn detect_points(image: &CameraImage, options: &DetectOptions) -> Detection 
     let reach_px = 8.0 * options.spot_sigma_px.unwrap_or(FIRST_SPOT_SIGMA_PX);
     peaks = joined(image, &background, peaks, reach_px);
     let saturation = options.saturation_dn.unwrap_or(image.full_scale_dn);
-    let spot_sigma_px = match options.spot_sigma_px {
-        Some(sigma) => sigma,
-        None => measured_width(image, &background, &peaks, saturation, &hot_pixels),
+    let widths = match options.spot_sigma_px {
+        Some(sigma) => WidthMap::constant(sigma),
+        None => WidthMap::measure(image, &background, &peaks, saturation, &hot_pixels),
     };
-    let measure =
-        |peak: &Peak| measure(image, &background, options, peak, spot_sigma_px, saturation, &hot_pixels);
+    let measure = |peak: &Peak| measure(image, &background, options, peak, &widths, saturation, &hot_pixels);
     let mut points: Vec<LightPoint> = peaks.par_iter().with_min_len(64).filter_map(measure).collect();
     points.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn));
-    flag_neighbours(&mut points, 6.0 * spot_sigma_px);
+    flag_neighbours(&mut points, &widths);
     let [background_dn, noise_dn] = background.median_dn();
-    Detection { points, hot_pixels, background_dn, noise_dn, spot_sigma_px }
+    Detection { points, hot_pixels, background_dn, noise_dn, spot_sigma_px: widths.typical_px() }
 }
 
 /// Sum of the 3 x 3 pixels about one that is not on the border, DN.
@@ -277,45 +280,8 @@ fn lowest_between(
     (lowest, background.noise_dn(to[0] as f64 + 0.5, to[1] as f64 + 0.5))
 }
 
-/// Typical standard deviation of the bright, unsaturated, single spots, px.
-fn measured_width(
-    image: &CameraImage,
-    background: &Background,
-    peaks: &[Peak],
-    saturation_dn: f32,
-    hot: &[[usize; 2]],
-) -> f64 {
-    let good = |peak: &&Peak| {
-        let noise = background.noise_dn(peak.centre[0] as f64, peak.centre[1] as f64);
-        !peak.blended
-            && peak.light_dn > 20.0 * 3.0 * noise
-            && image.at(peak.pixel[0], peak.pixel[1]) < 0.9 * saturation_dn
-    };
-    let bright: Vec<&Peak> = peaks.iter().filter(good).take(60).collect();
-    let mut sigma = FIRST_SPOT_SIGMA_PX;
-    for _ in 0..3 {
-        let mut widths: Vec<f64> = bright
-            .iter()
-            .filter_map(|peak| {
-                let start = peak.centre.map(|c| c as f64 + 0.5);
-                let weight = sigma * WEIGHT_RATIO.sqrt();
-                let window = centroid::windowed(image, background, start, sigma, weight, hot)?;
-                Some(shape(&window, weight)?.0)
-            })
-            .collect();
-        // Fewer than three do not say what the spots of this image are like.
-        if widths.len() < 3 {
-            return sigma;
-        }
-        widths.sort_by(f64::total_cmp);
-        // Windows reach 3 weights, at most 31 px; narrower than half a pixel is no optics' image.
-        sigma = widths[widths.len() / 2].clamp(0.5, 7.0);
-    }
-    sigma
-}
-
 /// Width (px) and ellipticity of the spot in a Gaussian window: the window's inverse covariance is taken off the weighted one's.
-fn shape(window: &Windowed, weight_sigma_px: f64) -> Option<(f64, f64)> {
+pub(crate) fn shape(window: &Windowed, weight_sigma_px: f64) -> Option<(f64, f64)> {
     let [xx, xy, yy] = window.moments_px2;
     let determinant = xx * yy - xy * xy;
     if !(xx > 0.0 && determinant > 0.0) {
@@ -336,11 +302,12 @@ fn measure(
     background: &Background,
     options: &DetectOptions,
     peak: &Peak,
-    spot_sigma_px: f64,
+    widths: &WidthMap,
     saturation_dn: f32,
     hot: &[[usize; 2]],
 ) -> Option<LightPoint> {
     let start = peak.centre.map(|c| c as f64 + 0.5);
+    let spot_sigma_px = widths.at_px(start);
     let near = |at: &&[usize; 2]| (0..2).all(|k| at[k].abs_diff(peak.centre[k]) < 32);
     let skip: Vec<[usize; 2]> = hot.iter().filter(near).copied().collect();
     let weight = spot_sigma_px * WEIGHT_RATIO.sqrt();
@@ -383,15 +350,19 @@ fn measure(
 }
 
 /// Marks points with a neighbour of at least a hundredth of their light within reach.
-fn flag_neighbours(points: &mut [LightPoint], reach_px: f64) {
+fn flag_neighbours(points: &mut [LightPoint], widths: &WidthMap) {
+    let reaches: Vec<f64> =
+        points.iter().map(|point| NEIGHBOUR_SIGMAS * widths.at_px([point.x_px, point.y_px])).collect();
+    let widest = reaches.iter().copied().fold(0.0, f64::max);
     let mut order: Vec<usize> = (0..points.len()).collect();
     order.sort_by(|&a, &b| points[a].y_px.total_cmp(&points[b].y_px));
     for i in 0..order.len() {
         for j in i + 1..order.len() {
             let (a, b) = (points[order[i]], points[order[j]]);
-            if b.y_px - a.y_px > reach_px {
+            if b.y_px - a.y_px > widest {
                 break;
             }
+            let reach_px = reaches[order[i]].max(reaches[order[j]]);
             if (a.x_px - b.x_px).hypot(a.y_px - b.y_px) < reach_px {
                 points[order[i]].blended |= b.flux_dn > 0.01 * a.flux_dn;
                 points[order[j]].blended |= a.flux_dn > 0.01 * b.flux_dn;

@@ -24,6 +24,7 @@ mod camera_image;
 mod centroid;
 mod detect;
 mod read;
+mod width;
 mod write;
 
 pub use background::Background;
