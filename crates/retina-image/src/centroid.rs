@@ -193,7 +193,8 @@ pub(crate) fn moments(
         }
         lit.push(([x as f64 + 0.5, y as f64 + 0.5], value));
         for (nx, ny) in [(x.wrapping_sub(1), y), (x + 1, y), (x, y.wrapping_sub(1)), (x, y + 1)] {
-            let (cx, cy) = ((nx + HALF).wrapping_sub(peak[0]), (ny + HALF).wrapping_sub(peak[1]));
+            let [cx, cy] =
+                [[nx, peak[0]], [ny, peak[1]]].map(|[at, from]| at.wrapping_add(HALF).wrapping_sub(from));
             if nx < width && ny < height && cx < SIDE && cy < SIDE && !seen[cy * SIDE + cx] {
                 seen[cy * SIDE + cx] = true;
                 open.push([nx, ny]);
@@ -210,7 +211,8 @@ pub(crate) fn moments(
     let variance = [0, 1].map(|k| {
         let one = |(at, value): &([f64; 2], f64)| {
             let shot = gain_e_per_dn.map_or(0.0, |gain| value / gain);
-            (at[k] - mean[k]).powi(2) * (noise * noise + shot)
+            // A pixel's light lies anywhere in it.
+            ((at[k] - mean[k]).powi(2) + 1.0 / 12.0) * (noise * noise + shot)
         };
         lit.iter().map(one).sum::<f64>() / (total * total)
     });

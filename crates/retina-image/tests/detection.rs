@@ -196,3 +196,15 @@ fn the_threshold_makes_a_comatic_spot_walk_with_its_light_and_the_window_does_no
     assert!(windowed.abs() < 0.02, "{windowed}");
     assert!(moments > 0.08, "{moments}");
 }
+
+/// A spot on the image's first column and row: the walk through its pixels ends at the edge.
+#[test]
+fn a_spot_at_the_corner_is_measured_up_to_the_edge() {
+    let width = 200;
+    let mut plane = vec![0.0; width * 150];
+    add_spot(&mut plane, width, [3.2, 3.4], 40_000.0, 1.5);
+    let image = QUIET.expose(&plane, width, &mut random(4));
+    let options = DetectOptions { centroid: Centroid::Moments, ..DetectOptions::default() };
+    let found = detect_points(&image, &options);
+    assert!(found.points.iter().any(|p| (p.x_px - 3.2).hypot(p.y_px - 3.4) < 0.2), "{:?}", found.points);
+}

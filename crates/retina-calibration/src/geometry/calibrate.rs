@@ -146,11 +146,16 @@ pub fn calibrate(
     }
     weights.jitter_variance *= reduced;
     let inverse = inverse_of(&fit, &scaling, options, &observations);
-    let direct = direct::fit(&inverse.at(inverse.reference_log10_irradiance), &setup.facility_pinhole())
-        .ok_or_else(|| {
-            InputError::new(&file, "the mapping found cannot be inverted over the screen")
-                .help("the points do not cover the screen: add some near its edges, or give a lower --degree")
-        })?;
+    let seen = &observations.undistorted;
+    let field = [
+        seen.iter().copied().fold(DVec2::INFINITY, DVec2::min),
+        seen.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max),
+    ];
+    let reference = inverse.at(inverse.reference_log10_irradiance);
+    let direct = direct::fit(&reference, &setup.facility_pinhole(), field).ok_or_else(|| {
+        InputError::new(&file, "the mapping found cannot be inverted over the screen")
+            .help("the points do not cover the screen: add some near its edges, or give a lower --degree")
+    })?;
     let direct_map = Distortion::from_terms(&direct.terms);
     direct_map.check_over(&setup.facility_pinhole()).map_err(|error| {
         InputError::new(&file, format!("the mapping found is no camera's: {error}"))

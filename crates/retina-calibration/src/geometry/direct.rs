@@ -1,4 +1,4 @@
-//! D at the reference irradiance, so that D and D^-1 undo each other over the screen.
+//! D at the reference irradiance, so that D and D^-1 undo each other over the calibrated field.
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq as _;
@@ -14,16 +14,20 @@ pub struct DirectFit {
     pub terms: Vec<(u32, u32, f64, f64)>,
     /// Its degree.
     pub degree: u32,
-    /// Largest angle between D^-1(D(r_u)) and r_u over the screen, arcsec.
+    /// Largest angle between D^-1(D(r_u)) and r_u over the calibrated field, arcsec.
     pub worst_arcsec: f64,
 }
 
 /// D and D^-1 are inverse to each other to this, arcsec.
 const WANTED_ARCSEC: f64 = 0.01;
 
-/// Fits D of the lowest degree that undoes `inverse` (D^-1 at one irradiance) over the screen to 0.01 arcsec, or of the
-/// highest there is; `None` where D^-1 cannot be inverted somewhere on the screen.
-pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole) -> Option<DirectFit> {
+/// Weight of places beyond the field, where D^-1 is extrapolated: D is to stay smooth there, no more.
+const BEYOND_WEIGHT: f64 = 0.01;
+
+/// Fits D of the lowest degree that undoes `inverse` (D^-1 at one irradiance) over the `field` (the rectangle of the
+/// calibrated undistorted lines of sight, low and high corner) to 0.01 arcsec, or of the highest there is; `None` where
+/// D^-1 cannot be inverted somewhere on the screen.
+pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole, field: [DVec2; 2]) -> Option<DirectFit> {
     // Chebyshev's places, denser towards the edges, where the error of a polynomial is largest.
     const SIDE: usize = 40;
     let place = |i: usize| 0.5 - 0.5 * (std::f64::consts::PI * (i as f64 + 0.5) / SIDE as f64).cos();
@@ -47,10 +51,12 @@ pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole) -> Option<DirectFit> {
         for (row, u) in undistorted.iter().enumerate() {
             scaling.fill(*u, 0.0, &terms, &mut values);
             for (column, value) in values.iter().enumerate() {
-                matrix[(row, column)] = *value;
+                matrix[(row, column)] = *value * weight(*u, field);
             }
         }
-        let right = Mat::<f64>::from_fn(sights.len(), 2, |row, axis| sights[row][axis]);
+        let right = Mat::<f64>::from_fn(sights.len(), 2, |row, axis| {
+            sights[row][axis] * weight(undistorted[row], field)
+        });
         let solution = matrix.qr().solve_lstsq(&right);
         let change = scaling.monomials_from_basis(&terms);
         let monomial = |row: usize, axis: usize| -> f64 {
@@ -58,7 +64,7 @@ pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole) -> Option<DirectFit> {
         };
         let rows: Vec<(u32, u32, f64, f64)> =
             terms.iter().enumerate().map(|(i, t)| (t[0], t[1], monomial(i, 0), monomial(i, 1))).collect();
-        let worst_arcsec = worst(&Distortion::from_terms(&rows), inverse, screen);
+        let worst_arcsec = worst(&Distortion::from_terms(&rows), inverse, field);
         if best.as_ref().is_none_or(|best| worst_arcsec < best.worst_arcsec) {
             best = Some(DirectFit { terms: rows, degree, worst_arcsec });
         }
@@ -69,15 +75,18 @@ pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole) -> Option<DirectFit> {
     best
 }
 
-/// Largest angle between D^-1(D(r_u)) and r_u on a regular grid over the screen, its border included, arcsec.
-fn worst(direct: &Distortion, inverse: &Distortion, screen: &Pinhole) -> f64 {
+fn weight(at: DVec2, [low, high]: [DVec2; 2]) -> f64 {
+    if at.cmpge(low).all() && at.cmple(high).all() { 1.0 } else { BEYOND_WEIGHT }
+}
+
+/// Largest angle between D^-1(D(r_u)) and r_u on a regular grid over the field, its border included, arcsec.
+fn worst(direct: &Distortion, inverse: &Distortion, [low, high]: [DVec2; 2]) -> f64 {
     const SIDE: u32 = 60;
-    let size = DVec2::new(f64::from(screen.width_px), f64::from(screen.height_px));
     let mut worst = 0.0f64;
     for row in 0..=SIDE {
         for column in 0..=SIDE {
-            let at = DVec2::new(f64::from(column), f64::from(row)) / f64::from(SIDE) * size;
-            let undistorted = screen.line_of_sight(at);
+            let share = DVec2::new(f64::from(column), f64::from(row)) / f64::from(SIDE);
+            let undistorted = low + share * (high - low);
             let back = inverse.distort(direct.distort(undistorted));
             worst = worst.max(super::errors::angle_arcsec(back, undistorted));
         }

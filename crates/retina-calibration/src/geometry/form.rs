@@ -6,12 +6,12 @@ use glam::DVec2;
 pub type Term = [u32; 3];
 
 /// Highest powers that occur in a form, plus one.
-pub(crate) const SIDE: usize = 8;
+pub(crate) const SIDE: usize = 12;
 
 /// A polynomial of `degree` in (x, y), and for each power of L up to `irradiance_power` one of `irradiance_degree`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ModelForm {
-    /// Total degree in x and y without irradiance, 1 to 7.
+    /// Total degree in x and y without irradiance, 1 to 9.
     pub degree: u32,
     /// Total degree in x and y of the coefficients of L, at most `degree`.
     pub irradiance_degree: u32,
@@ -98,7 +98,7 @@ impl Scaling {
     }
 }
 
-/// P_0 to P_7 at t.
+/// P_0 to P_11 at t.
 fn legendre(t: f64) -> [f64; SIDE] {
     let mut p = [1.0; SIDE];
     p[1] = t;

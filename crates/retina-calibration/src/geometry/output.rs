@@ -50,8 +50,11 @@ pub fn write_calibration(
         text,
         "\n# r = D(r_u) at the reference irradiance: rows [i, j, a, b], r_x gains a x^i y^j, r_y b x^i y^j."
     );
-    let _ =
-        writeln!(text, "# D^-1(D(r_u)) is r_u to {:.2e} arcsec over the screen.", result.direct.worst_arcsec);
+    let _ = writeln!(
+        text,
+        "# D^-1(D(r_u)) is r_u to {:.2e} arcsec over the calibrated field.",
+        result.direct.worst_arcsec
+    );
     text.push_str("[distortion]\nterms = [\n");
     for (i, j, a, b) in &result.direct.terms {
         let _ = writeln!(text, "  [{i}, {j}, {a:?}, {b:?}],");
@@ -242,7 +245,7 @@ pub fn text_summary(result: &GeometryCalibration, setup: &Setup) -> String {
         "\n  degree  of L's terms  powers of L  columns  left out, arcsec per axis  behind the best, sigmas"
     );
     // Of each degree without and with irradiance the best rung.
-    for degree in 1..=7 {
+    for degree in 1..=super::select::HIGHEST_DEGREE {
         for with in [false, true] {
             let of =
                 |rung: &&super::Rung| rung.form.degree == degree && (rung.form.irradiance_power > 0) == with;
@@ -268,7 +271,7 @@ pub fn text_summary(result: &GeometryCalibration, setup: &Setup) -> String {
     }
     let _ = writeln!(
         text,
-        "\nD at log10 irradiance {:.2}: degree {}, undone by D^-1 to {:.1e} arcsec over the screen",
+        "\nD at log10 irradiance {:.2}: degree {}, undone by D^-1 to {:.1e} arcsec over the field",
         result.reference_log10_irradiance, result.direct.degree, result.direct.worst_arcsec
     );
     match &result.physical {

@@ -40,6 +40,9 @@ pub(crate) fn folds(exposures: usize) -> Vec<Vec<usize>> {
         .collect()
 }
 
+/// Highest degree of D^-1 that is tried: D, its inverse, needs two more to undo it.
+pub(crate) const HIGHEST_DEGREE: u32 = 9;
+
 /// The widest form that the data could determine.
 pub(crate) fn widest(observations: &Observations, plain: bool) -> ModelForm {
     let mut levels: Vec<f64> = observations.l.clone();
@@ -48,7 +51,7 @@ pub(crate) fn widest(observations: &Observations, plain: bool) -> ModelForm {
     levels.dedup_by(|b, a| (*b - *a).abs() < 0.1);
     let power = if plain { 0 } else { (levels.len() as u32).saturating_sub(1).min(3) };
     let fits = |form: &ModelForm| form.len() * POINTS_PER_COLUMN <= observations.len();
-    let mut form = ModelForm { degree: 7, irradiance_degree: 3, irradiance_power: power };
+    let mut form = ModelForm { degree: HIGHEST_DEGREE, irradiance_degree: 3, irradiance_power: power };
     while !fits(&form) && form.degree > 1 {
         form.degree -= 1;
         form.irradiance_degree = form.irradiance_degree.min(form.degree);

@@ -19,7 +19,7 @@ pub(crate) struct Frame {
     pub distortion_degree: u32,
     pub near_m: f32,
     pub padding: [u32; 2],
-    pub distortion: [[f32; 4]; 18],
+    pub distortion: [[f32; 4]; 39],
 }
 
 #[repr(C)]

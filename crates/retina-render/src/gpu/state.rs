@@ -36,7 +36,7 @@ pub(crate) fn frame_uniform(state: &FrameState, region: Region, ranges: &[BodyRa
         distortion_degree: 0,
         near_m: near_m(state, ranges) as f32,
         padding: [0; 2],
-        distortion: [[0.0; 4]; 18],
+        distortion: [[0.0; 4]; 39],
     };
     if let Some(distortion) = &state.distortion {
         out.distortion_degree = distortion.degree();
