@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use retina_bench::{BenchError, Exposure, OpticsDetail, ScreenImage};
 use retina_geometry::Calibration;
-use retina_image::{Centroid, DetectOptions, detect_points};
+use retina_image::{CameraImage, Centroid, DetectOptions, detect_points};
 use retina_radiometry::{ScreenResponse, irradiance_of_magnitude_w_m2_nm};
 use retina_screen::PointPainter;
 
@@ -64,7 +64,7 @@ pub struct StarRow {
     pub displayed_magnitude: f64,
     /// Measured less commanded line of sight, rad, along x and y of the tangent plane at the star.
     pub error_rad: DVec2,
-    /// Measured magnitude, if the camera's sensitivity is known.
+    /// Measured magnitude, the camera's sensitivity being known.
     pub measured_magnitude: f64,
     /// Standard deviation of the centroid, rad an axis.
     pub sigma_rad: f64,
@@ -85,6 +85,8 @@ pub struct StarsResult {
 
 /// Nearest two stars may stand, screen px.
 const APART_PX: f64 = 40.0;
+/// Radius within which a star's light is summed, camera px: the widest spots of a facility of stock doublets.
+const APERTURE_PX: f64 = 13.0;
 /// How far from its commanded place a star is looked for, camera px: beyond that it counts as lost.
 const NEAR_PX: f64 = 12.0;
 
@@ -146,8 +148,9 @@ pub fn simulate_stars(
         let exposure = Exposure { exposure_s, temperature_c, pose, frame: image as u64 };
         let screen = ScreenImage::grey(k_f.width_px, k_f.height_px, &counts);
         let frame = bench.expose(&screen, &exposure)?;
+        let photograph = camera_image(&bench, frame);
         let found = detect_points(
-            &camera_image(&bench, frame),
+            &photograph,
             &DetectOptions {
                 saturation_dn: Some(saturation_dn(&bench)),
                 gain_e_per_dn: Some(bench.sensor().gain_e_per_dn),
@@ -167,7 +170,8 @@ pub fn simulate_stars(
                 continue;
             };
             let measured = camera.line_of_sight(DVec2::new(point.x_px, point.y_px));
-            let electrons_s = point.flux_dn * bench.sensor().gain_e_per_dn / exposure_s;
+            let light_dn = aperture_dn(&photograph, [point.x_px, point.y_px]);
+            let electrons_s = light_dn * bench.sensor().gain_e_per_dn / exposure_s;
             // A star off the axis sees the pupil foreshortened.
             let foreshortened = 1.0 / (1.0 + line_of_sight.length_squared()).sqrt();
             result.rows.push(StarRow {
@@ -184,6 +188,33 @@ pub fn simulate_stars(
         progress(image + 1);
     }
     Ok(result)
+}
+
+/// Light within [`APERTURE_PX`] of a place, above the median of a ring about it, DN; pixels beyond the image count as
+/// dark.
+fn aperture_dn(image: &CameraImage, [x, y]: [f64; 2]) -> f64 {
+    let reach = 1.8 * APERTURE_PX;
+    let span = |v: f64, size: u32| {
+        (v - reach).max(0.0) as usize..((v + reach).ceil().max(0.0) as usize).min(size as usize)
+    };
+    let (mut inside, mut pixels) = (0.0, 0.0);
+    let mut ring = Vec::new();
+    for row in span(y, image.height_px) {
+        for column in span(x, image.width_px) {
+            let off = (column as f64 + 0.5 - x).hypot(row as f64 + 0.5 - y);
+            let value = f64::from(image.at(column, row));
+            if off < APERTURE_PX {
+                inside += value;
+                pixels += 1.0;
+            } else if off > 1.3 * APERTURE_PX && off < reach {
+                ring.push(value);
+            }
+        }
+    }
+    ring.sort_by(f64::total_cmp);
+    // The mean of the middle half: a median of whole numbers would be off by up to half of one.
+    let middle = &ring[ring.len() / 4..(3 * ring.len()).div_ceil(4)];
+    inside - pixels * middle.iter().sum::<f64>() / middle.len().max(1) as f64
 }
 
 /// The angle from one line of sight to another, as a small vector: its length is the great-circle angle.
