@@ -39,6 +39,9 @@ enum Command {
     /// Traces lens systems: spots, wavefronts, tolerances, drawings.
     #[command(subcommand)]
     Optics(command::optics::Command),
+    /// Fits the display's response to readings of a power meter.
+    #[command(hide = true)]
+    CalibrateRadiometry(command::calibrate_radiometry::Arguments),
     /// Says which graphics adapter would render.
     Adapter(command::adapter::Arguments),
 }
@@ -53,6 +56,7 @@ fn main() -> ExitCode {
         Command::Trajectory(arguments) => command::trajectory::run(arguments),
         Command::Sheet(arguments) => command::sheet::run(arguments),
         Command::Optics(command) => command::optics::run(command),
+        Command::CalibrateRadiometry(arguments) => command::calibrate_radiometry::run(&arguments),
         Command::Adapter(arguments) => command::adapter::run(&arguments),
     };
     match result {

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, hash_file};
 use retina_geometry::{Calibration, Distortion, Setup};
+use retina_radiometry::ScreenResponse;
 use retina_render::Quality;
+use retina_response::screen_response;
 use retina_scene::{Compensation, Display, Output, RadianceScale, Scene, SceneInput, SceneParts};
 use retina_sky::Trajectory;
 
@@ -35,22 +37,28 @@ impl Scenario {
     pub fn scene(&self, shown: &Shown, with_frames: bool) -> Result<(Scene, Vec<String>), InputError> {
         let mut notes = Vec::new();
         let mut inputs = self.inputs.clone();
-        let (image, display, radiance_scale, compensation, distortion) = match shown {
+        let (image, display, radiance_scale, compensation, (distortion, response)) = match shown {
             Shown::Camera => {
                 let display = Display::Plain(self.settings.display());
-                (self.settings.pinhole(), display, RadianceScale::Value(1.0), Compensation::None, None)
+                (
+                    self.settings.pinhole(),
+                    display,
+                    RadianceScale::Value(1.0),
+                    Compensation::None,
+                    (None, None),
+                )
             }
             Shown::Facility { setup: file, compensation } => {
                 let setup = Setup::read(file)?;
                 inputs.push(SceneInput { role: "setup".into(), hash: hash_file(file)? });
-                let distortion = distortion(file, &setup, *compensation, &mut inputs)?;
+                let calibration = calibration(file, &setup, *compensation, &mut inputs)?;
                 notes.push(
                     "the setup takes the place of the scene's camera: fov, resolution, exposure, sensor, bits and view \
                      transform have no effect"
                         .into(),
                 );
                 let image = setup.facility_pinhole();
-                (image, Display::Facility(setup), RadianceScale::Auto, *compensation, distortion)
+                (image, Display::Facility(setup), RadianceScale::Auto, *compensation, calibration)
             }
         };
         let bodies = load_bodies(self, &mut notes)?;
@@ -67,6 +75,7 @@ impl Scenario {
             radiance_scale,
             compensation,
             distortion,
+            response,
             bodies,
             stars: None,
             quality: Quality::Default,
@@ -91,14 +100,15 @@ pub(crate) fn in_blender_units(error: InputError, geometry_file: &Path) -> Input
     )
 }
 
-fn distortion(
+/// D and the screen's measured response, where the distortion is compensated.
+fn calibration(
     file: &Path,
     setup: &Setup,
     compensation: Compensation,
     inputs: &mut Vec<SceneInput>,
-) -> Result<Option<Distortion>, InputError> {
+) -> Result<(Option<Distortion>, Option<ScreenResponse>), InputError> {
     if compensation == Compensation::None {
-        return Ok(None);
+        return Ok((None, None));
     }
     let Some(calibration) = setup.calibration_path() else {
         return Err(InputError::new(file, "there is no calibration to compensate with")
@@ -106,5 +116,6 @@ fn distortion(
             .help("leave --compensation out, or name a calibration in the setup"));
     };
     inputs.push(SceneInput { role: "calibration".into(), hash: hash_file(&calibration)? });
-    Ok(Some(Calibration::read(&calibration, setup)?.distortion))
+    let response = screen_response(&calibration, setup)?;
+    Ok((Some(Calibration::read(&calibration, setup)?.distortion), response))
 }

@@ -28,6 +28,9 @@ struct CalibrationFile {
     #[serde(default)]
     source: String,
     distortion: DistortionFile,
+    /// The display's measured response, which the radiometric calibration reads.
+    #[serde(default, rename = "response")]
+    _response: Option<serde::de::IgnoredAny>,
 }
 
 #[derive(Deserialize)]

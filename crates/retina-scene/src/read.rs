@@ -7,7 +7,9 @@ use glam::DVec3;
 use retina_files::{InputError, hash_bytes, hash_file, parse_toml, read_text};
 use retina_geometry::{Calibration, Distortion, Setup};
 use retina_model::{external_files, load_body};
+use retina_radiometry::ScreenResponse;
 use retina_render::Quality;
+use retina_response::screen_response;
 use retina_screen::Quantisation;
 use retina_sky::catalogue::StarCatalogue;
 
@@ -41,7 +43,7 @@ impl Scene {
         let setup_file = folder.join(&file.setup);
         let setup = Setup::read(&setup_file).map_err(|error| error.named_by(path, "setup"))?;
         input("setup".into(), hash_file(&setup_file)?);
-        let distortion = distortion(path, &file, &setup, &mut input)?;
+        let (distortion, response) = calibration(path, &file, &setup, &mut input)?;
         check_names(path, &file.body)?;
         let names: Vec<String> = file.body.iter().map(|body| body.name.clone()).collect();
         let (trajectory, hash) = sequence::trajectory(path, &file, &names, &setup)?;
@@ -71,6 +73,7 @@ impl Scene {
             },
             compensation: file.compensation.mode,
             distortion,
+            response,
             bodies,
             stars,
             quality: match file.render.quality {
@@ -121,13 +124,14 @@ fn read_stars(
     Ok(Stars { catalogue, faintest_magnitude: table.faintest_magnitude, planets: table.planets })
 }
 
-/// D, where the scene compensates; a calibration that is named is read in any case.
-fn distortion(
+/// D, where the scene compensates, and the screen's response, where it was measured. A calibration that is
+/// named is read in any case; one without D does where nothing is compensated.
+fn calibration(
     path: &Path,
     file: &SceneFile,
     setup: &Setup,
     input: &mut impl FnMut(String, String),
-) -> Result<Option<Distortion>, InputError> {
+) -> Result<(Option<Distortion>, Option<ScreenResponse>), InputError> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let table = &file.compensation;
     let own = table.calibration.as_ref().map(|calibration| folder.join(calibration));
@@ -141,12 +145,16 @@ fn distortion(
                     "add calibration = \"calibration.toml\" below [compensation], or set mode = \"none\"",
                 ));
         }
-        return Ok(None);
+        return Ok((None, None));
     };
-    let read = Calibration::read(&calibration, setup)
-        .map_err(|error| error.named_by(path, "compensation.calibration"))?;
+    let named = |error: InputError| error.named_by(path, "compensation.calibration");
+    let response = screen_response(&calibration, setup).map_err(named)?;
     input("calibration".into(), hash_file(&calibration)?);
-    Ok(compensates.then_some(read.distortion))
+    if response.is_some() && !compensates {
+        return Ok((None, response));
+    }
+    let read = Calibration::read(&calibration, setup).map_err(named)?;
+    Ok((compensates.then_some(read.distortion), response))
 }
 
 fn check_names(path: &Path, bodies: &[BodyTable]) -> Result<(), InputError> {

@@ -6,7 +6,7 @@ use glam::DVec3;
 use retina_files::{InputError, hash_bytes};
 use retina_geometry::{Distortion, Pinhole, Setup};
 use retina_model::Body;
-use retina_radiometry::Photometry;
+use retina_radiometry::{Photometry, ScreenResponse};
 use retina_render::{BodyModel, Quality};
 use retina_screen::{PlainDisplay, Quantisation};
 use retina_sky::Trajectory;
@@ -36,6 +36,8 @@ pub struct Scene {
     pub compensation: Compensation,
     /// D, where it is undone.
     pub distortion: Option<Distortion>,
+    /// The screen's measured response, where the calibration has one; otherwise the setup's power law holds.
+    pub response: Option<ScreenResponse>,
     /// The bodies, in the file's order.
     pub bodies: Vec<SceneBody>,
     /// Stars and planets, where they are shown.
@@ -76,6 +78,7 @@ pub struct SceneParts {
     pub radiance_scale: RadianceScale,
     pub compensation: Compensation,
     pub distortion: Option<Distortion>,
+    pub response: Option<ScreenResponse>,
     pub bodies: Vec<BodyParts>,
     pub stars: Option<Stars>,
     pub quality: Quality,
@@ -179,6 +182,7 @@ impl Scene {
             radiance_scale: parts.radiance_scale,
             compensation: parts.compensation,
             distortion: parts.distortion,
+            response: parts.response,
             bodies,
             quality: parts.quality,
             output: parts.output,

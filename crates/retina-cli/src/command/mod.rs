@@ -2,6 +2,7 @@
 
 pub(crate) mod adapter;
 pub(crate) mod body;
+pub(crate) mod calibrate_radiometry;
 pub(crate) mod corto;
 pub(crate) mod optics;
 pub(crate) mod render;
