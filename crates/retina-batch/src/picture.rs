@@ -17,6 +17,7 @@ pub(crate) struct Picture {
 }
 
 #[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant, reason = "one value in a run")]
 enum Encoder {
     Screen { screen: ScreenEncoder, quantisation: Quantisation, points: Box<PointPainter> },
     Plain(PlainDisplay),
@@ -37,7 +38,10 @@ impl Picture {
         let Pinhole { width_px, height_px, .. } = scene.image;
         let display = match &scene.display {
             Display::Facility(setup) => {
-                let screen = ScreenEncoder::new(setup);
+                let screen = match &scene.response {
+                    Some(response) => ScreenEncoder::with_response(setup, response.clone()),
+                    None => ScreenEncoder::new(setup),
+                };
                 let response = screen.response().clone();
                 let points = PointPainter::new(scene.image, scene.distortion.clone(), response)
                     .with_inverse(scene.inverse.clone());

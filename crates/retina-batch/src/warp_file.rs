@@ -7,6 +7,7 @@ use image::ImageFormat;
 use retina_files::{InputError, write_atomic};
 use retina_geometry::{Calibration, Setup, WarpDirection, WarpMap};
 use retina_radiometry::ScreenResponse;
+use retina_response::screen_response;
 
 use crate::linear_image::IntegerImage;
 use crate::{BatchError, Canvas, Channels, Resampler, read_exr, write_exr};
@@ -65,7 +66,9 @@ pub fn warp_file(
     check_size(from, [image.width_px, image.height_px], &map, direction)?;
     let (out, clipped) = match direction {
         WarpDirection::Upstream => {
-            let response = ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude());
+            let response = screen_response(&calibration.file, setup)?.unwrap_or_else(|| {
+                ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude())
+            });
             upstream(&image, &resampler, &response)
         }
         WarpDirection::Downstream => downstream(&image, &resampler),

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, hash_file};
 use retina_geometry::{Calibration, Setup};
+use retina_radiometry::ScreenResponse;
 use retina_render::Quality;
+use retina_response::screen_response;
 use retina_scene::{Compensation, Display, Output, RadianceScale, Scene, SceneInput, SceneParts};
 use retina_sky::Trajectory;
 
@@ -35,10 +37,16 @@ impl Scenario {
     pub fn scene(&self, shown: &Shown, with_frames: bool) -> Result<(Scene, Vec<String>), InputError> {
         let mut notes = Vec::new();
         let mut inputs = self.inputs.clone();
-        let (image, display, radiance_scale, compensation, calibration) = match shown {
+        let (image, display, radiance_scale, compensation, (calibration, response)) = match shown {
             Shown::Camera => {
                 let display = Display::Plain(self.settings.display());
-                (self.settings.pinhole(), display, RadianceScale::Value(1.0), Compensation::None, None)
+                (
+                    self.settings.pinhole(),
+                    display,
+                    RadianceScale::Value(1.0),
+                    Compensation::None,
+                    (None, None),
+                )
             }
             Shown::Facility { setup: file, compensation } => {
                 let setup = Setup::read(file)?;
@@ -68,6 +76,7 @@ impl Scenario {
             compensation,
             inverse: calibration.as_ref().and_then(|calibration| calibration.inverse.clone()),
             distortion: calibration.map(|calibration| calibration.distortion),
+            response,
             bodies,
             stars: None,
             quality: Quality::Default,
@@ -92,14 +101,15 @@ pub(crate) fn in_blender_units(error: InputError, geometry_file: &Path) -> Input
     )
 }
 
+/// The calibration and the screen's measured response, where the distortion is compensated.
 fn calibration(
     file: &Path,
     setup: &Setup,
     compensation: Compensation,
     inputs: &mut Vec<SceneInput>,
-) -> Result<Option<Calibration>, InputError> {
+) -> Result<(Option<Calibration>, Option<ScreenResponse>), InputError> {
     if compensation == Compensation::None {
-        return Ok(None);
+        return Ok((None, None));
     }
     let Some(calibration) = setup.calibration_path() else {
         return Err(InputError::new(file, "there is no calibration to compensate with")
@@ -107,5 +117,6 @@ fn calibration(
             .help("leave --compensation out, or name a calibration in the setup"));
     };
     inputs.push(SceneInput { role: "calibration".into(), hash: hash_file(&calibration)? });
-    Ok(Some(Calibration::read(&calibration, setup)?))
+    let response = screen_response(&calibration, setup)?;
+    Ok((Some(Calibration::read(&calibration, setup)?), response))
 }

@@ -54,6 +54,9 @@ struct ProvenanceFile {
     k_f_px: [f64; 4],
     /// f_x, f_y, c_x, c_y of C, and its size.
     camera_px: [f64; 6],
+    /// The display's measured response, which the radiometric calibration reads.
+    #[serde(default, rename = "response")]
+    _response: Option<serde::de::IgnoredAny>,
 }
 
 #[derive(Deserialize)]

@@ -7,7 +7,9 @@ use glam::DVec3;
 use retina_files::{InputError, hash_bytes, hash_file, parse_toml, read_text};
 use retina_geometry::{Calibration, Setup};
 use retina_model::{external_files, load_body};
+use retina_radiometry::ScreenResponse;
 use retina_render::Quality;
+use retina_response::screen_response;
 use retina_screen::Quantisation;
 use retina_sky::catalogue::StarCatalogue;
 
@@ -41,7 +43,8 @@ impl Scene {
         let setup_file = folder.join(&file.setup);
         let setup = Setup::read(&setup_file).map_err(|error| error.named_by(path, "setup"))?;
         input("setup".into(), hash_file(&setup_file)?);
-        let (distortion, inverse) = match calibration(path, &file, &setup, &mut input)? {
+        let (calibration, response) = calibration(path, &file, &setup, &mut input)?;
+        let (distortion, inverse) = match calibration {
             Some(calibration) => (Some(calibration.distortion), calibration.inverse),
             None => (None, None),
         };
@@ -75,6 +78,7 @@ impl Scene {
             compensation: file.compensation.mode,
             distortion,
             inverse,
+            response,
             bodies,
             stars,
             quality: match file.render.quality {
@@ -125,13 +129,14 @@ fn read_stars(
     Ok(Stars { catalogue, faintest_magnitude: table.faintest_magnitude, planets: table.planets })
 }
 
-/// The calibration, where the scene compensates; one that is named is read in any case.
+/// The calibration, where the scene compensates, and the screen's response, where it was measured. A calibration that
+/// is named is read in any case; one without D does where nothing is compensated.
 fn calibration(
     path: &Path,
     file: &SceneFile,
     setup: &Setup,
     input: &mut impl FnMut(String, String),
-) -> Result<Option<Calibration>, InputError> {
+) -> Result<(Option<Calibration>, Option<ScreenResponse>), InputError> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let table = &file.compensation;
     let own = table.calibration.as_ref().map(|calibration| folder.join(calibration));
@@ -145,12 +150,16 @@ fn calibration(
                     "add calibration = \"calibration.toml\" below [compensation], or set mode = \"none\"",
                 ));
         }
-        return Ok(None);
+        return Ok((None, None));
     };
-    let read = Calibration::read(&calibration, setup)
-        .map_err(|error| error.named_by(path, "compensation.calibration"))?;
+    let named = |error: InputError| error.named_by(path, "compensation.calibration");
+    let response = screen_response(&calibration, setup).map_err(named)?;
     input("calibration".into(), hash_file(&calibration)?);
-    Ok(compensates.then_some(read))
+    if response.is_some() && !compensates {
+        return Ok((None, response));
+    }
+    let read = Calibration::read(&calibration, setup).map_err(named)?;
+    Ok((compensates.then_some(read), response))
 }
 
 fn check_names(path: &Path, bodies: &[BodyTable]) -> Result<(), InputError> {

@@ -6,7 +6,7 @@ use glam::DVec3;
 use retina_files::{InputError, hash_bytes};
 use retina_geometry::{Distortion, InverseDistortion, Pinhole, Setup};
 use retina_model::Body;
-use retina_radiometry::Photometry;
+use retina_radiometry::{Photometry, ScreenResponse};
 use retina_render::{BodyModel, Quality};
 use retina_screen::{PlainDisplay, Quantisation};
 use retina_sky::Trajectory;
@@ -38,6 +38,8 @@ pub struct Scene {
     pub distortion: Option<Distortion>,
     /// The calibrated D^-1, where it is undone and the calibration has it: places points of light.
     pub inverse: Option<InverseDistortion>,
+    /// The screen's measured response, where the calibration has one; otherwise the setup's power law holds.
+    pub response: Option<ScreenResponse>,
     /// The bodies, in the file's order.
     pub bodies: Vec<SceneBody>,
     /// Stars and planets, where they are shown.
@@ -79,6 +81,7 @@ pub struct SceneParts {
     pub compensation: Compensation,
     pub distortion: Option<Distortion>,
     pub inverse: Option<InverseDistortion>,
+    pub response: Option<ScreenResponse>,
     pub bodies: Vec<BodyParts>,
     pub stars: Option<Stars>,
     pub quality: Quality,
@@ -183,6 +186,7 @@ impl Scene {
             compensation: parts.compensation,
             distortion: parts.distortion,
             inverse: parts.inverse,
+            response: parts.response,
             bodies,
             quality: parts.quality,
             output: parts.output,

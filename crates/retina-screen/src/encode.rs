@@ -26,10 +26,16 @@ pub struct Encoded {
 }
 
 impl ScreenEncoder {
-    /// For a setup's screen and response.
+    /// For a setup's screen and the power law that the setup states.
     pub fn new(setup: &Setup) -> Self {
+        let response = ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude());
+        Self::with_response(setup, response)
+    }
+
+    /// For a setup's screen and a response that was measured.
+    pub fn with_response(setup: &Setup, response: ScreenResponse) -> Self {
         Self {
-            response: ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude()),
+            response,
             width_px: setup.screen.width_px,
             pixel_sr: setup.facility_pinhole().boresight_pixel_sr(),
         }

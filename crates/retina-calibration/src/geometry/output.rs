@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use retina_files::{InputError, write_atomic};
+use retina_files::{InputError, parse_toml, read_text, write_atomic};
 use retina_geometry::Setup;
 use serde_json::{Value, json};
 
@@ -20,11 +20,31 @@ fn store(path: &Path, text: &str) -> Result<(), InputError> {
         .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
 }
 
+/// The `[response]` of a calibration of this setup that is there already, as text.
+fn kept_response(path: &Path, setup: &Setup) -> Result<Option<String>, InputError> {
+    if !path.exists() {
+        return Ok(None);
+    }
+    let mut file: toml::Table = parse_toml(path, &read_text(path)?)?;
+    let Some(response) = file.remove("response") else { return Ok(None) };
+    let name = file.get("setup").and_then(toml::Value::as_str).unwrap_or("nothing");
+    if name != setup.name {
+        return Err(InputError::new(path, "holds the response of another setup")
+            .at("key `setup`")
+            .found(format!("`{name}`"))
+            .expected(format!("`{}`", setup.name))
+            .help("give --out another name"));
+    }
+    let kept = toml::Table::from_iter([("response".to_owned(), response)]);
+    let unwritten = |error| InputError::new(path, format!("cannot be put into TOML: {error}"));
+    toml::to_string(&kept).map(Some).map_err(unwritten)
+}
+
 /// `calibration.toml`, schema `retina.calibration/1`: D, D^-1, covariance and provenance. No time stamp: the same
 /// input gives the same bytes.
 ///
 /// # Errors
-/// The file cannot be written.
+/// The file cannot be written, or one that is there holds the response of another setup.
 pub fn write_calibration(
     path: &Path,
     result: &GeometryCalibration,
@@ -125,6 +145,9 @@ pub fn write_calibration(
         );
     }
     text.push_str("]\n");
+    if let Some(response) = kept_response(path, setup)? {
+        let _ = writeln!(text, "\n{response}");
+    }
     store(path, &text)
 }
 

@@ -1,6 +1,7 @@
 //! `retina calibrate`.
 
 mod geometry;
+mod radiometry;
 
 use crate::failure::Failure;
 
@@ -8,10 +9,13 @@ use crate::failure::Failure;
 pub(crate) enum Command {
     /// The mapping between lines of sight and the screen, from displayed points and their centroids.
     Geometry(geometry::Arguments),
+    /// The display's response, from readings of a power meter.
+    Radiometry(radiometry::Arguments),
 }
 
 pub(crate) fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Geometry(arguments) => geometry::run(&arguments),
+        Command::Radiometry(arguments) => radiometry::run(&arguments),
     }
 }

@@ -1,0 +1,78 @@
+//! `retina calibrate radiometry`.
+
+use std::path::{Path, PathBuf};
+
+use retina_files::{InputError, write_atomic};
+use retina_geometry::Setup;
+use retina_response::{
+    PowerReadings, RadiometricCalibration, calibration_text, figures, json_document, report_page, summary,
+};
+
+use crate::failure::Failure;
+use crate::output::{print_json, print_lines, tell};
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// The facility that was measured, schema retina.setup/1.
+    #[arg(long)]
+    setup: PathBuf,
+    /// Readings of the power meter, power.csv; may be given more than once, for one campaign.
+    #[arg(long, value_name = "TABLE", required = true)]
+    data: Vec<PathBuf>,
+    /// The calibration to write; other tables of an existing one of the same setup are kept.
+    #[arg(long, value_name = "FILE.toml")]
+    out: Option<PathBuf>,
+    /// Carry the response over to another magnification of the same display, and write that.
+    #[arg(long, value_name = "OTHER.toml")]
+    for_setup: Option<PathBuf>,
+    /// Write one page with the figures.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Write the figures as response.svg and magnitude.svg into this folder.
+    #[arg(long, value_name = "DIR")]
+    figures: Option<PathBuf>,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    for (path, extension) in [(&arguments.out, "toml"), (&arguments.report, "html")] {
+        path.as_ref().map_or(Ok(()), |path| crate::check_file(path, extension))?;
+    }
+    if let Some(folder) = arguments.figures.as_ref().filter(|folder| !folder.is_dir()) {
+        return Err(InputError::new(folder, "is no folder")
+            .help("make it, or name another for --figures")
+            .into());
+    }
+    let measured = Setup::read(&arguments.setup)?;
+    let mut calibrated = RadiometricCalibration::fit(&measured, PowerReadings::read(&arguments.data)?)?;
+    let other = arguments.for_setup.as_deref().map(Setup::read).transpose()?;
+    if let Some(other) = &other {
+        calibrated = calibrated.for_setup(&measured, other)?;
+    }
+    let setup = other.as_ref().unwrap_or(&measured);
+    for fit in &calibrated.fits {
+        for warning in &fit.warnings {
+            tell!("{}: {warning}", fit.channel.name());
+        }
+    }
+    let text = summary(&calibrated, setup);
+    if let Some(out) = &arguments.out {
+        write(out, &calibration_text(out, &calibrated, &measured)?)?;
+    }
+    if let Some(report) = &arguments.report {
+        write(report, &report_page(&calibrated, &text))?;
+    }
+    if let Some(folder) = &arguments.figures {
+        let [response, magnitude] = figures(&calibrated);
+        write(&folder.join("response.svg"), &response)?;
+        write(&folder.join("magnitude.svg"), &magnitude)?;
+    }
+    if arguments.json { print_json(&json_document(&calibrated, setup)) } else { print_lines(&text) }
+}
+
+fn write(path: &Path, text: &str) -> Result<(), Failure> {
+    write_atomic(path, text.as_bytes())
+        .map_err(|error| Failure::new(format!("{} cannot be written: {error}", path.display())))
+}
