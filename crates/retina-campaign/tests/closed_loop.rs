@@ -43,6 +43,11 @@ fn stars_stand_where_they_were_commanded() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("calibration.toml");
     write_calibration(&path, &found, &measured.table, &setup).unwrap();
+    // A response that is there already stays.
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, format!("{text}\n[response]\nbandwidth_nm = 416.2\n")).unwrap();
+    write_calibration(&path, &found, &measured.table, &setup).unwrap();
+    assert!(std::fs::read_to_string(&path).unwrap().contains("bandwidth_nm = 416.2"));
     let calibration = Calibration::read(&path, &setup).unwrap();
     let stars = StarsOptions { exposures: 3, stars: 100, detail: QUICK, ..StarsOptions::default() };
     let sky = facility(&setup, &[], Table::Points, 2);

@@ -36,6 +36,9 @@ struct CalibrationFile {
     /// For readers of the file; nothing here depends on it.
     #[serde(default, rename = "covariance")]
     _covariance: Option<serde::de::IgnoredAny>,
+    /// The display's measured response, which the radiometric calibration reads.
+    #[serde(default, rename = "response")]
+    _response: Option<serde::de::IgnoredAny>,
 }
 
 /// D^-1(r, L): rows `[i, j, k, a, b]`, the undistorted x gains a x^i y^j L^k and y gains b x^i y^j L^k.
@@ -54,9 +57,6 @@ struct ProvenanceFile {
     k_f_px: [f64; 4],
     /// f_x, f_y, c_x, c_y of C, and its size.
     camera_px: [f64; 6],
-    /// The display's measured response, which the radiometric calibration reads.
-    #[serde(default, rename = "response")]
-    _response: Option<serde::de::IgnoredAny>,
 }
 
 #[derive(Deserialize)]
