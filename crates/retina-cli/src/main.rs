@@ -35,6 +35,14 @@ enum Command {
     /// Calibrates the facility from measurements.
     #[command(subcommand)]
     Calibrate(command::calibrate::Command),
+    /// Compares a model with measurements: errors, noise, what the errors depend on.
+    Compare(command::compare::Arguments),
+    /// Says which physical effect the model misses, and what to measure next.
+    Diagnose(command::diagnose::Arguments),
+    /// Estimates effects together with the baseline.
+    Fit(command::fit::Arguments),
+    /// Lists and explains the effects that are known.
+    Effects(command::effects::Arguments),
     /// Builds a body's mesh and textures from a relief and an albedo map.
     Body(command::body::Arguments),
     /// Writes a built-in trajectory as a table.
@@ -59,6 +67,10 @@ fn main() -> ExitCode {
         Command::Warp(arguments) => command::warp::run(arguments),
         Command::Pattern(arguments) => command::pattern::run(&arguments),
         Command::Calibrate(command) => command::calibrate::run(command),
+        Command::Compare(arguments) => command::compare::run(&arguments),
+        Command::Diagnose(arguments) => command::diagnose::run(&arguments),
+        Command::Fit(arguments) => command::fit::run(&arguments),
+        Command::Effects(arguments) => command::effects::run(&arguments),
         Command::Body(arguments) => command::body::run(arguments),
         Command::Trajectory(arguments) => command::trajectory::run(arguments),
         Command::Sheet(arguments) => command::sheet::run(arguments),

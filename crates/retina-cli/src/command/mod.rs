@@ -3,7 +3,11 @@
 pub(crate) mod adapter;
 pub(crate) mod body;
 pub(crate) mod calibrate;
+pub(crate) mod compare;
 pub(crate) mod corto;
+pub(crate) mod diagnose;
+pub(crate) mod effects;
+pub(crate) mod fit;
 pub(crate) mod optics;
 pub(crate) mod pattern;
 pub(crate) mod render;
@@ -12,6 +16,7 @@ pub(crate) mod sheet;
 pub(crate) mod simulate;
 pub(crate) mod trajectory;
 pub(crate) mod warp;
+pub(crate) mod workbench;
 
 use retina_batch::BackendChoice;
 use retina_render::Quality;

@@ -1,0 +1,40 @@
+//! `retina compare`.
+
+use std::path::PathBuf;
+
+use retina_diagnosis::{compare, compare_json, compare_text};
+
+use super::workbench::Input;
+use crate::failure::Failure;
+use crate::output::{print_json, print_lines};
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    input: Input,
+    /// An effect of the catalogue, or a file with a formula; may be given more than once.
+    #[arg(long = "effect", value_name = "ID|FILE")]
+    effects: Vec<String>,
+    /// Draws the errors over the field and against the columns.
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(path) = &arguments.svg {
+        crate::check_file(path, "svg")?;
+    }
+    let (_, data) = arguments.input.read()?;
+    let added = super::workbench::added(&arguments.effects, &data)?;
+    let result = compare(&data, &added);
+    if let Some(path) = &arguments.svg {
+        retina_diagnosis::write_figure(path, &data, &added)?;
+    }
+    match arguments.json {
+        true => print_json(&compare_json(&data, &result)),
+        false => print_lines(&compare_text(&data, &result)),
+    }
+}

@@ -1,0 +1,36 @@
+//! `retina diagnose`.
+
+use retina_diagnosis::{DiagnoseOptions, diagnose, diagnose_json, diagnose_text};
+
+use super::workbench::Input;
+use crate::failure::Failure;
+use crate::output::{print_json, print_lines};
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    input: Input,
+    /// An effect that is in the model already: an id, or a file with a formula; may be given more than once.
+    #[arg(long = "effect", value_name = "ID|FILE")]
+    effects: Vec<String>,
+    /// Sign-flips of whole groups; the smallest p-value is 1 / (flips + 1).
+    #[arg(long, default_value_t = 1999, value_parser = clap::value_parser!(u32).range(199..=99_999))]
+    flips: u32,
+    /// Seed of the flips.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let (_, data) = arguments.input.read()?;
+    let added = super::workbench::added(&arguments.effects, &data)?;
+    let options = DiagnoseOptions { flips: arguments.flips as usize, seed: arguments.seed };
+    let result = diagnose(&data, &added, &options);
+    match arguments.json {
+        true => print_json(&diagnose_json(&data, &result)),
+        false => print_lines(&diagnose_text(&data, &result)),
+    }
+}

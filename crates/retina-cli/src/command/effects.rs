@@ -1,0 +1,52 @@
+//! `retina effects`.
+
+use retina_diagnosis::{TableKind, effects, effects_json, effects_text};
+use retina_files::{InputError, nearest};
+
+use crate::failure::Failure;
+use crate::output::{print_json, print_lines};
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// An effect's id; without one all are listed.
+    effect: Option<String>,
+    /// Effects on one table alone.
+    #[arg(long, value_enum)]
+    table: Option<Table>,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Table {
+    Points,
+    Power,
+    Phase,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let kind = arguments.table.map(|table| match table {
+        Table::Points => TableKind::Points,
+        Table::Power => TableKind::Power,
+        Table::Phase => TableKind::Phase,
+    });
+    let mut list = effects(kind);
+    if let Some(id) = &arguments.effect {
+        let ids: Vec<&str> = list.iter().map(|effect| effect.id).collect();
+        if !ids.contains(&id.as_str()) {
+            let error = InputError::new("EFFECT", "is no effect of the catalogue").found(format!("`{id}`"));
+            let near = nearest(id, ids.iter().copied());
+            return Err(match near {
+                Some(near) => error.help(format!("did you mean `{near}`?")),
+                None => error.expected(ids.join(", ")),
+            }
+            .into());
+        }
+        list.retain(|effect| effect.id == id);
+    }
+    match arguments.json {
+        true => print_json(&effects_json(&list)),
+        false => print_lines(&effects_text(&list)),
+    }
+}

@@ -1,0 +1,52 @@
+//! `retina fit`.
+
+use std::path::PathBuf;
+
+use retina_calibration::geometry::PointsTable;
+use retina_diagnosis::{fit, fit_json, fit_text, write_model, write_predictions};
+
+use super::workbench::Input;
+use crate::failure::Failure;
+use crate::output::{print_json, print_lines, tell};
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    input: Input,
+    /// An effect of the catalogue, or a file with a formula; may be given more than once.
+    #[arg(long = "effect", value_name = "ID|FILE", required = true)]
+    effects: Vec<String>,
+    /// Writes the model as a calibration.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Writes baseline, effect and error of every row.
+    #[arg(long, value_name = "FILE")]
+    predictions: Option<PathBuf>,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(path) = &arguments.out {
+        crate::check_file(path, "toml")?;
+    }
+    if let Some(path) = &arguments.predictions {
+        crate::check_file(path, "csv")?;
+    }
+    let (setup, data) = arguments.input.read()?;
+    let added = super::workbench::added(&arguments.effects, &data)?;
+    let result = fit(&data, &added)?;
+    if let Some(path) = &arguments.out {
+        let table = PointsTable::read(&data.files)?;
+        let rms_arcsec = write_model(path, &data, &result, &added, &setup, &table)?;
+        tell!("the model's polynomials are {rms_arcsec:.2e} arcsec rms from its predictions");
+    }
+    if let Some(path) = &arguments.predictions {
+        write_predictions(path, &data, &result)?;
+    }
+    match arguments.json {
+        true => print_json(&fit_json(&data, &result)),
+        false => print_lines(&fit_text(&data, &result)),
+    }
+}

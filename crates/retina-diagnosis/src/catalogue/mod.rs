@@ -1,0 +1,107 @@
+//! The catalogue: physical effects with their columns. An id never changes its meaning.
+
+mod phase;
+mod points;
+mod power;
+
+use crate::data::{Dataset, TableKind, Term};
+
+/// One form of an effect: its shape parameters fixed, linear in its amplitudes.
+pub(crate) struct Variant<'a> {
+    /// Shape parameters by name.
+    pub(crate) shape: Vec<(&'static str, f64)>,
+    /// Leading form.
+    pub(crate) leading: Vec<Term<'a>>,
+    /// What its shape may have beyond the leading form.
+    pub(crate) further: Vec<Term<'a>>,
+}
+
+/// A physical effect.
+pub struct Effect {
+    /// Its id.
+    pub id: &'static str,
+    /// The table it shows in.
+    pub kind: TableKind,
+    /// Leading form, in words of the table's columns.
+    pub formula: &'static str,
+    /// Where the form comes from.
+    pub source: &'static str,
+    /// Columns it needs.
+    pub covariates: &'static [&'static str],
+    /// Plausible size, with its unit.
+    pub plausible: &'static str,
+    /// Effects that one ordinary campaign cannot tell from it, itself included.
+    pub class: &'static [&'static str],
+    /// What separates it from those: action and value.
+    pub separated_by: Option<(&'static str, &'static str)>,
+    pub(crate) build: for<'a> fn(&'a Dataset) -> Result<Vec<Variant<'a>>, String>,
+}
+
+/// All effects, or those of one table.
+pub fn effects(kind: Option<TableKind>) -> Vec<&'static Effect> {
+    [points::EFFECTS, power::EFFECTS, phase::EFFECTS]
+        .into_iter()
+        .flatten()
+        .filter(|effect| kind.is_none_or(|kind| effect.kind == kind))
+        .collect()
+}
+
+/// A column that must be there and vary.
+pub(super) fn need<'a>(data: &'a Dataset, name: &str) -> Result<&'a [f64], String> {
+    match data.covariate(name) {
+        None => Err(format!("column `{name}` is missing")),
+        Some(c) if !c.varies() => Err(format!("column `{name}` is constant")),
+        Some(c) => Ok(&c.values),
+    }
+}
+
+/// A form without shape parameters.
+pub(super) fn plain<'a>(leading: Vec<Term<'a>>) -> Vec<Variant<'a>> {
+    vec![Variant { shape: Vec::new(), leading, further: Vec::new() }]
+}
+
+/// `values` lagged by a first-order response of time constant `tau_s`, per row (K. Ogata, Modern Control Engineering,
+/// sec. 5-2); rows of one time share a value.
+pub(super) fn lagged(time_s: &[f64], values: &[f64], tau_s: f64) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..time_s.len()).collect();
+    order.sort_by(|&a, &b| time_s[a].total_cmp(&time_s[b]));
+    let mut out = vec![0.0; values.len()];
+    let mut state = values[order[0]];
+    let (mut last_time, mut last_value) = (time_s[order[0]], values[order[0]]);
+    for row in order {
+        let step = time_s[row] - last_time;
+        if step > 0.0 {
+            // Linear between readings: exact response to a ramp.
+            let (decay, slope) = ((-step / tau_s).exp(), (values[row] - last_value) / step);
+            let start = state - (last_value - slope * tau_s);
+            state = values[row] - slope * tau_s + start * decay;
+            (last_time, last_value) = (time_s[row], values[row]);
+        }
+        out[row] = state;
+    }
+    out
+}
+
+/// Values shifted and scaled to half a range of 1.
+pub(super) fn to_unit(values: &[f64]) -> Vec<f64> {
+    let (low, high) =
+        values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
+    let half = (0.5 * (high - low)).max(f64::MIN_POSITIVE);
+    values.iter().map(|v| (v - 0.5 * (low + high)) / half).collect()
+}
+
+/// Times between which a step may lie: the middles between the groups' mean times, at most `most` of them.
+pub(super) fn step_times(data: &Dataset, time_s: &[f64], most: usize) -> Vec<f64> {
+    let mut times: Vec<f64> = data
+        .groups
+        .iter()
+        .map(|group| time_s[group.rows.clone()].iter().sum::<f64>() / group.rows.len() as f64)
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times.dedup();
+    let middles: Vec<f64> = times.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect();
+    // A step before the second or after the last but one exposure is one exposure's own shift.
+    let inner = if middles.len() > 6 { &middles[1..middles.len() - 1] } else { &middles[..] };
+    let stride = inner.len().div_ceil(most).max(1);
+    inner.iter().copied().skip(stride / 2).step_by(stride).collect()
+}

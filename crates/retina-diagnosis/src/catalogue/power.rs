@@ -1,0 +1,311 @@
+//! Effects on readings of a power meter: what they add to a reading, relative to the nominal irradiance.
+
+use crate::data::{Dataset, TableKind, Term};
+
+use super::{Effect, Variant, need, plain, to_unit};
+
+macro_rules! effect {
+    ($id:literal, $formula:literal, $source:literal, $columns:expr, $plausible:literal, $class:expr, $separated:expr, $build:expr) => {
+        Effect {
+            id: $id,
+            kind: TableKind::Power,
+            formula: $formula,
+            source: $source,
+            covariates: $columns,
+            plausible: $plausible,
+            class: $class,
+            separated_by: $separated,
+            build: $build,
+        }
+    };
+}
+
+pub(super) const EFFECTS: &[Effect] = &[
+    effect!(
+        "gamma",
+        "a ln(B / 255): (B / 255)^(2.2 + a)",
+        "the facility's paper, radiometric calibration",
+        &["digital_count"],
+        "exponent 2.0 to 2.4",
+        &["gamma"],
+        Some(("low_counts", "counts below 16")),
+        gamma
+    ),
+    effect!(
+        "black_level",
+        "b per pixel, relative to a full one",
+        "light of a black pixel",
+        &["digital_count", "square_px"],
+        "1e-5 to 1e-3",
+        &["black_level"],
+        Some(("low_counts", "counts below 16")),
+        black_level
+    ),
+    effect!(
+        "square_loading",
+        "a N^p times the level",
+        "line and supply loading",
+        &["square_px"],
+        "0.5 to 5 %",
+        &["square_loading"],
+        Some(("square", "other sizes at one irradiance")),
+        loading
+    ),
+    effect!(
+        "pixel_crosstalk",
+        "a / N: the square's perimeter over its area",
+        "neighbouring pixels lend or take light",
+        &["square_px"],
+        "up to 40 % at low light",
+        &["pixel_crosstalk"],
+        None,
+        crosstalk
+    ),
+    effect!(
+        "self_heating",
+        "a (1 - exp(-t / tau)), or a T",
+        "efficiency falls as the display warms",
+        &["time_s", "temperature_c"],
+        "0.5 to 1 %/K",
+        &["self_heating"],
+        Some(("pause", "let the display cool and repeat")),
+        self_heating
+    ),
+    effect!(
+        "ageing",
+        "-k D, D the dose shown so far",
+        "luminance decay of emitters",
+        &["time_s"],
+        "1 to 5 % per 1000 h",
+        &["ageing"],
+        Some(("pause", "let the display cool and repeat")),
+        ageing
+    ),
+    effect!(
+        "meter_zero",
+        "+ b",
+        "offset of the meter",
+        &["ln_irradiance"],
+        "0.1 to 1 nW",
+        &["meter_zero"],
+        Some(("dark_reading", "square of 0 pixels")),
+        meter_zero
+    ),
+    effect!(
+        "meter_wavelength",
+        "a_channel",
+        "responsivity at another wavelength",
+        &["channel"],
+        "1 to 3 % per 5 nm",
+        &["meter_wavelength"],
+        None,
+        meter_wavelength
+    ),
+    effect!(
+        "meter_nonlinearity",
+        "a I",
+        "saturation of the meter",
+        &["ln_irradiance"],
+        "0.5 to 2 %",
+        &["meter_nonlinearity"],
+        Some(("square", "other sizes at one irradiance")),
+        nonlinearity
+    ),
+    effect!(
+        "channel_nonadditivity",
+        "a where r, g, b are lit together",
+        "common supply of the sub-pixels",
+        &["channel"],
+        "0.5 to 2 %",
+        &["channel_nonadditivity"],
+        None,
+        nonadditivity
+    ),
+    effect!(
+        "attenuator_not_changed",
+        "a constant factor on one series",
+        "a range or filter recorded wrongly",
+        &["series"],
+        "factors of 2 to 10",
+        &["attenuator_not_changed"],
+        None,
+        attenuator
+    ),
+];
+
+fn term<'a>(name: &str, values: Vec<f64>) -> Term<'a> {
+    Term::new(name, move |i| [values[i], 0.0])
+}
+
+fn lit(data: &Dataset, value: impl Fn(usize) -> f64) -> Vec<f64> {
+    data.values("lit").iter().enumerate().map(|(i, lit)| if *lit > 0.0 { value(i) } else { 0.0 }).collect()
+}
+
+fn gamma(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    need(data, "digital_count")?;
+    let level = data.values("level");
+    Ok(vec![Variant {
+        shape: Vec::new(),
+        leading: vec![term("exponent", lit(data, |i| level[i].ln()))],
+        further: vec![term("exponent2", lit(data, |i| level[i].ln().powi(2)))],
+    }])
+}
+
+fn black_level(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    need(data, "digital_count")?;
+    let (square, per) = (data.values("square_px"), data.values("per_irradiance"));
+    // In units of the faintest reading's own light.
+    let values: Vec<f64> = square.iter().zip(per).map(|(n, p)| n * n * p).collect();
+    let most = values.iter().copied().fold(0.0, f64::max);
+    Ok(plain(vec![term("relative_to_faintest", values.iter().map(|v| v / most).collect())]))
+}
+
+fn loading(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let square = need(data, "square_px")?;
+    let (level, most) = (data.values("level"), square.iter().copied().fold(0.0, f64::max));
+    Ok([(1, 0.0), (2, 0.0), (1, 2.2), (2, 2.2)]
+        .into_iter()
+        .map(|(p, q): (i32, f64)| Variant {
+            shape: vec![("power_of_n", f64::from(p)), ("power_of_level", q)],
+            leading: vec![term("relative", lit(data, |i| (square[i] / most).powi(p) * level[i].powf(q)))],
+            further: Vec::new(),
+        })
+        .collect())
+}
+
+fn crosstalk(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let square = need(data, "square_px")?;
+    let level = data.values("level");
+    Ok([0.0, -1.0]
+        .into_iter()
+        .map(|q: f64| {
+            let value = |p: i32| {
+                let values = lit(data, |i| square[i].powi(-p) * level[i].powf(q));
+                let most = values.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+                values.iter().map(|v| v / most).collect::<Vec<f64>>()
+            };
+            Variant {
+                shape: vec![("power_of_level", q)],
+                leading: vec![term("relative", value(1))],
+                further: vec![term("relative2", value(2))],
+            }
+        })
+        .collect())
+}
+
+fn self_heating(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let mut out = Vec::new();
+    if let Some(t) = data.varying("temperature_c") {
+        let mean = t.iter().sum::<f64>() / t.len() as f64;
+        out.push(Variant {
+            shape: vec![("of_temperature", 1.0)],
+            leading: vec![term("relative_per_k", lit(data, |i| t[i] - mean))],
+            further: Vec::new(),
+        });
+    }
+    if let Some(time) = data.varying("time_s") {
+        let start = time.iter().copied().fold(f64::INFINITY, f64::min);
+        let span = time.iter().copied().fold(f64::NEG_INFINITY, f64::max) - start;
+        for fraction in [0.03, 0.06, 0.12, 0.25] {
+            let tau_s = fraction * span;
+            out.push(Variant {
+                shape: vec![("tau_s", tau_s)],
+                leading: vec![term("relative", lit(data, |i| 1.0 - (-(time[i] - start) / tau_s).exp()))],
+                further: Vec::new(),
+            });
+        }
+    }
+    if out.is_empty() {
+        Err("columns `temperature_c` and `time_s` are missing or constant".into())
+    } else {
+        Ok(out)
+    }
+}
+
+fn ageing(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let time = need(data, "time_s")?;
+    let (level, square) = (data.values("level"), data.values("square_px"));
+    let mut order: Vec<usize> = (0..time.len()).collect();
+    order.sort_by(|&a, &b| time[a].total_cmp(&time[b]));
+    let (mut dose, mut sum) = (vec![0.0; time.len()], 0.0);
+    for pair in order.windows(2) {
+        let shown = if square[pair[0]] > 0.0 { level[pair[0]] } else { 0.0 };
+        sum += (time[pair[1]] - time[pair[0]]) * shown;
+        dose[pair[1]] = sum;
+    }
+    let dose = to_unit(&dose);
+    let elapsed = to_unit(time);
+    Ok([("dose", dose), ("time", elapsed)]
+        .into_iter()
+        .enumerate()
+        .map(|(k, (_, values))| Variant {
+            shape: vec![("of_time", k as f64)],
+            leading: vec![term("relative_over_half_the_campaign", lit(data, |i| values[i]))],
+            further: Vec::new(),
+        })
+        .collect())
+}
+
+fn meter_zero(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    need(data, "ln_irradiance")?;
+    let per = data.values("per_irradiance");
+    let most = per.iter().copied().fold(0.0, f64::max);
+    Ok(plain(vec![term("relative_to_faintest", per.iter().map(|p| p / most).collect())]))
+}
+
+fn meter_wavelength(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let single: Vec<u8> = [1, 0, 2].into_iter().filter(|k| data.channel.contains(k)).collect();
+    if single.len() < 2 {
+        return Err("column `channel` has fewer than two of r, g and b".into());
+    }
+    // White is a third of each.
+    let leading = single[1..]
+        .iter()
+        .map(|&k| {
+            let name = ["r_relative", "g_relative", "b_relative"][usize::from(k)];
+            term(
+                name,
+                lit(data, |i| match data.channel[i] {
+                    3 => 1.0 / 3.0,
+                    c => f64::from(u8::from(c == k)),
+                }),
+            )
+        })
+        .collect();
+    Ok(plain(leading))
+}
+
+fn nonlinearity(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let ln = need(data, "ln_irradiance")?;
+    let most = ln.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let relative = |p: f64| lit(data, |i| (p * (ln[i] - most)).exp());
+    Ok(vec![Variant {
+        shape: Vec::new(),
+        leading: vec![term("relative_at_brightest", relative(1.0))],
+        further: vec![term("squared", relative(2.0))],
+    }])
+}
+
+fn nonadditivity(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let white = need(data, "channel_w")?;
+    Ok(plain(vec![term("relative", lit(data, |i| white[i]))]))
+}
+
+fn attenuator(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    if data.groups.len() < 3 || data.groups.len() > 200 {
+        return Err("column `series` has fewer than 3 values, or is missing".into());
+    }
+    Ok(data
+        .groups
+        .iter()
+        .enumerate()
+        .map(|(g, group)| {
+            let rows = group.rows.clone();
+            Variant {
+                shape: vec![("series_number", g as f64)],
+                leading: vec![term("factor_less_1", lit(data, |i| f64::from(u8::from(rows.contains(&i)))))],
+                further: Vec::new(),
+            }
+        })
+        .collect())
+}

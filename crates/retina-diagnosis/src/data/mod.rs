@@ -1,0 +1,234 @@
+//! Any of the tables as one kind of data: residuals of one or two components, groups, covariates.
+
+mod phase;
+mod points;
+mod power;
+mod read;
+
+use std::ops::Range;
+use std::path::PathBuf;
+
+pub(crate) use phase::lambert_magnitude;
+pub(crate) use points::ARCSEC_PER_RAD;
+pub use read::{Baseline, Source};
+
+/// Which table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TableKind {
+    /// `points.csv`: two components, arcsec.
+    Points,
+    /// `power.csv`: relative irradiance.
+    Power,
+    /// `phase.csv`: magnitudes.
+    Phase,
+}
+
+impl TableKind {
+    /// Its name in JSON.
+    pub fn name(self) -> &'static str {
+        ["points", "power", "phase"][self as usize]
+    }
+
+    /// Components of a row.
+    pub(crate) fn components(self) -> usize {
+        if self == Self::Points { 2 } else { 1 }
+    }
+
+    /// Unit of its residuals.
+    pub fn unit(self) -> &'static str {
+        ["arcsec", "relative", "mag"][self as usize]
+    }
+}
+
+/// A column over the rows: its name and its value(s) in a row, in units of the data per unit of its amplitude.
+pub(crate) struct Term<'a> {
+    pub(crate) name: String,
+    pub(crate) value: Box<dyn Fn(usize) -> [f64; 2] + Send + Sync + 'a>,
+}
+
+impl<'a> Term<'a> {
+    pub(crate) fn new(name: impl Into<String>, value: impl Fn(usize) -> [f64; 2] + Send + Sync + 'a) -> Self {
+        Self { name: name.into(), value: Box::new(value) }
+    }
+}
+
+/// What residuals may depend on.
+#[derive(Debug, Clone)]
+pub struct Covariate {
+    /// The column's name, or that of a quantity made of columns.
+    pub name: String,
+    /// Its value in each row, in the data's order.
+    pub values: Vec<f64>,
+}
+
+impl Covariate {
+    /// Whether it takes more than one value.
+    pub(crate) fn varies(&self) -> bool {
+        let (low, high) = self.range();
+        high - low > 1e-9 * high.abs().max(low.abs()).max(1e-300)
+    }
+
+    pub(crate) fn range(&self) -> (f64, f64) {
+        self.values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)))
+    }
+}
+
+/// Rows that share their errors: an exposure, a series, a night.
+#[derive(Debug, Clone)]
+pub struct Group {
+    /// Its name in the table.
+    pub name: String,
+    /// Its rows, in the data's order.
+    pub rows: Range<usize>,
+}
+
+/// A table ready to be explained; rows are sorted by group.
+#[derive(Debug, Clone)]
+pub struct Dataset {
+    /// Which table.
+    pub kind: TableKind,
+    /// Measured minus the fixed part of the model, components of a row side by side; arcsec, relative or mag.
+    pub y: Vec<f64>,
+    /// Groups, covering all rows.
+    pub groups: Vec<Group>,
+    /// For each row: its number among the files' rows.
+    pub order: Vec<usize>,
+    /// Rows of the files, used or not.
+    pub table_rows: usize,
+    /// Rows left out beforehand (saturated).
+    pub saturated: usize,
+    /// What residuals may depend on.
+    pub covariates: Vec<Covariate>,
+    /// ln of a quantity that the noise depends on.
+    pub(crate) noise_key: Vec<f64>,
+    /// Whether the groups are the same setting repeated or single rows: they then have no common error.
+    pub(crate) jitters: bool,
+    /// Names of the channel of each row, as an index into r, g, b, w.
+    pub(crate) channel: Vec<u8>,
+    /// Which mounting (file and camera roll) a row belongs to.
+    pub(crate) mounting: Vec<usize>,
+    /// For each mounting the angle by which the camera is turned in the facility's frame, rad.
+    pub(crate) roll_rad: Vec<f64>,
+    /// Scale that makes covariates x and y about 1 at the camera's edge: tangent of half its width (points).
+    pub(crate) half_tan: f64,
+    /// One pixel of the screen in arcsec (points).
+    pub(crate) screen_pixel_arcsec: f64,
+    /// Fixed part of the model plus y, in the table's own units: what is needed to write predictions.
+    pub(crate) frame: Vec<RowFrame>,
+    /// The baseline.
+    pub(crate) baseline: Baseline,
+    /// The files.
+    pub files: Vec<PathBuf>,
+    /// What the user ought to know of how it was read.
+    pub notes: Vec<String>,
+}
+
+/// How a row's residual goes back to the table's own units.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct RowFrame {
+    /// The table's measured value: camera px, W/m^2, mag.
+    pub(crate) measured: [f64; 2],
+    /// Matrix (rows) from y's units to the table's.
+    pub(crate) to_table: [[f64; 2]; 2],
+}
+
+impl Dataset {
+    /// Number of rows.
+    pub fn len(&self) -> usize {
+        self.order.len()
+    }
+
+    /// Every n-th group, so that about `most` rows are left; `None` where there are no more than that.
+    pub(crate) fn thinned(&self, most: usize) -> Option<Self> {
+        let stride = self.len().div_ceil(most);
+        if stride < 2 || self.groups.len() < 2 * stride {
+            return None;
+        }
+        let n = self.kind.components();
+        let (mut groups, mut rows) = (Vec::new(), Vec::new());
+        for group in self.groups.iter().step_by(stride) {
+            let start = rows.len();
+            rows.extend(group.rows.clone());
+            groups.push(Group { name: group.name.clone(), rows: start..rows.len() });
+        }
+        fn of<T: Copy>(rows: &[usize], values: &[T]) -> Vec<T> {
+            rows.iter().map(|&row| values[row]).collect()
+        }
+        let mut notes = self.notes.clone();
+        notes.push(format!(
+            "{} of {} rows were looked at, in every {stride}-th group",
+            rows.len(),
+            self.len()
+        ));
+        Some(Self {
+            y: rows.iter().flat_map(|&row| self.y[row * n..(row + 1) * n].iter().copied()).collect(),
+            groups,
+            order: of(&rows, &self.order),
+            covariates: self
+                .covariates
+                .iter()
+                .map(|c| Covariate { name: c.name.clone(), values: of(&rows, &c.values) })
+                .collect(),
+            noise_key: of(&rows, &self.noise_key),
+            channel: of(&rows, &self.channel),
+            mounting: of(&rows, &self.mounting),
+            frame: of(&rows, &self.frame),
+            roll_rad: self.roll_rad.clone(),
+            files: self.files.clone(),
+            notes,
+            ..*self
+        })
+    }
+
+    /// Components of a row.
+    pub(crate) fn components(&self) -> usize {
+        self.kind.components()
+    }
+
+    /// Whether there are no rows.
+    pub fn is_empty(&self) -> bool {
+        self.order.is_empty()
+    }
+
+    /// Values of a covariate, where it is there.
+    pub(crate) fn covariate(&self, name: &str) -> Option<&Covariate> {
+        self.covariates.iter().find(|c| c.name == name)
+    }
+
+    /// Values of a covariate that every table of this kind has.
+    pub(crate) fn values(&self, name: &str) -> &[f64] {
+        self.covariate(name).map_or(&[], |c| c.values.as_slice())
+    }
+
+    /// A covariate's values, if it is there and not constant.
+    pub(crate) fn varying(&self, name: &str) -> Option<&[f64]> {
+        self.covariate(name).filter(|c| c.varies()).map(|c| c.values.as_slice())
+    }
+
+    /// Values of a covariate, shifted and scaled to -1..1; and the offset and half-range.
+    pub(crate) fn scaled(&self, name: &str) -> Option<(Vec<f64>, f64)> {
+        let covariate = self.covariate(name).filter(|c| c.varies())?;
+        let (low, high) = covariate.range();
+        let half = 0.5 * (high - low);
+        Some((covariate.values.iter().map(|v| (v - 0.5 * (low + high)) / half).collect(), half))
+    }
+
+    /// Column of a term, whole.
+    pub(crate) fn column(&self, term: &Term<'_>) -> Vec<f64> {
+        let n = self.kind.components();
+        let mut out = Vec::with_capacity(self.y.len());
+        for row in 0..self.len() {
+            out.extend_from_slice(&(term.value)(row)[..n]);
+        }
+        out
+    }
+
+    /// The terms that are always fitted.
+    pub(crate) fn baseline_terms(&self) -> Vec<Term<'_>> {
+        match self.kind {
+            TableKind::Points => points::baseline(self),
+            TableKind::Power => power::baseline(self),
+            TableKind::Phase => vec![Term::new("magnitude", |_| [1.0, 0.0])],
+        }
+    }
+}

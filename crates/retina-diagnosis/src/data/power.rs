@@ -1,0 +1,139 @@
+//! `power.csv` as data: irradiance relative to what the nominal response gives.
+
+use std::collections::BTreeMap;
+
+use retina_files::{InputError, Table};
+
+use super::read::{Baseline, Place, Source, channel_of, covariates, number_in};
+use super::{Covariate, Dataset, Group, RowFrame, TableKind, Term};
+
+const REQUIRED: [&str; 4] = ["channel", "digital_count", "square_px", "irradiance_w_m2"];
+
+pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, InputError> {
+    let mut notes = Vec::new();
+    let mut groups: BTreeMap<(usize, String), Vec<Place>> = BTreeMap::new();
+    let (mut table_rows, mut first_row) = (0, Vec::new());
+    let mut by_setting = false;
+    for (t, table) in tables.iter().enumerate() {
+        table.require(&REQUIRED)?;
+        first_row.push(table_rows);
+        table_rows += table.len();
+        for row in 0..table.len() {
+            let series = table.text(row, "series");
+            let key = if series.is_empty() {
+                by_setting = true;
+                ["channel", "digital_count", "square_px"].map(|c| table.text(row, c)).join("/")
+            } else {
+                series.to_owned()
+            };
+            groups.entry((t, key)).or_default().push(Place { table: t, row });
+        }
+    }
+    if by_setting {
+        notes.push("rows without a series are grouped by channel, count and square".to_owned());
+    }
+    let places: Vec<Place> = groups.values().flatten().copied().collect();
+    let order = places.iter().map(|p| first_row[p.table] + p.row).collect();
+    let gamma = source.setup.response_gamma();
+    let (mut measured, mut nominal, mut channel) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut level, mut square) = (Vec::new(), Vec::new());
+    for place in &places {
+        let (table, row) = (&tables[place.table], place.row);
+        let count = number_in(table, row, "digital_count", 0.0..=255.0, "a count from 0 to 255")?;
+        let side = number_in(
+            table,
+            row,
+            "square_px",
+            0.0..=1e5,
+            "the square's side in pixels, 0 for a dark reading",
+        )?;
+        let lit = channel_of(table, row)?;
+        let share = if lit == 3 { 1.0 } else { 1.0 / 3.0 };
+        channel.push(lit);
+        level.push(count / 255.0);
+        square.push(side);
+        nominal.push(side * side * share * (count / 255.0).powf(gamma));
+        measured.push(table.number(row, "irradiance_w_m2")?);
+    }
+    // The gain is a median, so that neither an effect nor an outlier turns the scale.
+    let mut ratios: Vec<f64> =
+        measured.iter().zip(&nominal).filter(|(_, n)| **n > 0.0).map(|(m, n)| m / n).collect();
+    if ratios.is_empty() {
+        return Err(InputError::new(tables[0].file(), "holds dark readings alone")
+            .expected("readings of lit squares"));
+    }
+    let middle = ratios.len() / 2;
+    let gain = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
+    if gain <= 0.0 {
+        return Err(InputError::new(tables[0].file(), "half of the irradiances are not above 0").found(gain));
+    }
+    let faintest = nominal.iter().copied().filter(|n| *n > 0.0).fold(f64::INFINITY, f64::min);
+    let scale: Vec<f64> = nominal.iter().map(|n| gain * n.max(faintest)).collect();
+    let y = (0..places.len()).map(|i| measured[i] / scale[i] - nominal[i] * gain / scale[i]).collect();
+    let mut all = covariates(
+        tables,
+        &places,
+        &["channel", "irradiance_w_m2", "sigma_w_m2", "series"],
+        &[],
+        &mut notes,
+    )?;
+    let mut add = |name: &str, values: Vec<f64>| all.push(Covariate { name: name.to_owned(), values });
+    // Natural logarithms; dark readings stand at the faintest lit one.
+    add("ln_irradiance", nominal.iter().map(|n| n.max(faintest).ln()).collect());
+    add("level", level);
+    add("per_irradiance", scale.iter().map(|s| 1.0 / s).collect());
+    add("lit", nominal.iter().map(|n| f64::from(u8::from(*n > 0.0))).collect());
+    for (k, name) in ["channel_r", "channel_g", "channel_b", "channel_w"].into_iter().enumerate() {
+        add(name, channel.iter().map(|c| f64::from(u8::from(usize::from(*c) == k))).collect());
+    }
+    let mut noise_key: Vec<f64> = nominal.iter().map(|n| -n.max(faintest).ln()).collect();
+    if tables.iter().all(|t| t.has("sigma_w_m2")) {
+        for (i, place) in places.iter().enumerate() {
+            let sigma = number_in(
+                &tables[place.table],
+                place.row,
+                "sigma_w_m2",
+                1e-300..=f64::MAX,
+                "a number above 0",
+            )?;
+            noise_key[i] = (sigma / scale[i]).ln();
+        }
+    }
+    let rows = places.len();
+    let mut start = 0;
+    let groups: Vec<Group> = groups
+        .into_iter()
+        .map(|((_, name), rows)| {
+            start += rows.len();
+            Group { name, rows: start - rows.len()..start }
+        })
+        .collect();
+    Ok(Dataset {
+        kind: TableKind::Power,
+        y,
+        groups,
+        order,
+        table_rows,
+        saturated: 0,
+        covariates: all,
+        noise_key,
+        jitters: !by_setting,
+        channel,
+        mounting: vec![0; rows],
+        roll_rad: vec![0.0],
+        half_tan: 1.0,
+        screen_pixel_arcsec: 0.0,
+        frame: (0..rows)
+            .map(|i| RowFrame { measured: [measured[i], 0.0], to_table: [[scale[i], 0.0], [0.0, 0.0]] })
+            .collect(),
+        baseline: Baseline::Physical,
+        files: source.files.to_vec(),
+        notes,
+    })
+}
+
+/// One gain: dark readings have no light to scale.
+pub(super) fn baseline(data: &Dataset) -> Vec<Term<'_>> {
+    let lit = data.values("lit");
+    vec![Term::new("gain_relative", move |i| [lit[i], 0.0])]
+}

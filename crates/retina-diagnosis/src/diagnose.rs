@@ -1,0 +1,439 @@
+//! Which effect is missing: candidates tested, ranked, accepted one by one, until nothing is left to explain.
+
+use rayon::prelude::*;
+
+use crate::catalogue::{Effect, Variant, effects};
+use crate::data::Dataset;
+use crate::estimate::{Parameter, estimate};
+use crate::next::{NextMeasurement, propose};
+use crate::noise::Weights;
+use crate::score::{Frame, HeldOut, Score, flips, p_values};
+use crate::screens::{screen_p_values, screens};
+use crate::user::AddedEffect;
+
+/// What is asked of a diagnosis.
+#[derive(Debug, Clone)]
+pub struct DiagnoseOptions {
+    /// Sign-flips; the smallest p-value is 1 / (flips + 1).
+    pub flips: usize,
+    /// Seed of the flips.
+    pub seed: u64,
+}
+
+impl Default for DiagnoseOptions {
+    fn default() -> Self {
+        Self { flips: 1999, seed: 1 }
+    }
+}
+
+/// Level of the first test over all effects, and over all screens: together below 5 %.
+const LEVEL_FIRST: [f64; 2] = [0.025, 0.01];
+/// Level of later ones.
+const LEVEL_LATER: [f64; 2] = [0.01, 0.01];
+/// A competitor stays in the set while the best effect adds nothing to it at this level.
+const LEVEL_SET: f64 = 0.02;
+/// An effect or structure weaker than this, rms over noise, is not reported.
+const FLOOR_NOISE: f64 = 0.04;
+/// Nor is one weaker than this part of what was accepted: forms are leading ones.
+const FLOOR_ACCEPTED: f64 = 0.05;
+/// Rows that a diagnosis looks at: their columns take about half a gigabyte.
+const MOST_ROWS: usize = 50_000;
+/// More shapes than this are a search.
+const SEARCHED: usize = 12;
+/// Most effects that are accepted.
+const MOST_ACCEPTED: usize = 4;
+
+/// The outcome.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// No effect beyond noise.
+    Adequate,
+    /// Each accepted effect is the only one that fits.
+    Named,
+    /// This data cannot separate several.
+    Confounded,
+    /// Structure that no effect of the catalogue explains.
+    Unknown,
+}
+
+impl Verdict {
+    /// Its name in JSON.
+    pub fn name(self) -> &'static str {
+        ["adequate", "named", "confounded", "unknown"][self as usize]
+    }
+}
+
+/// An effect that was tried.
+#[derive(Debug, Clone)]
+pub struct Candidate {
+    /// Its id.
+    pub effect: &'static str,
+    /// p-value, corrected for the number of effects; of the step in which it was decided upon.
+    pub p_value: f64,
+    /// Held-out error per component with it.
+    pub heldout_rms: f64,
+    /// Its parameters.
+    pub parameters: Vec<Parameter>,
+}
+
+/// An effect that could not be tried.
+#[derive(Debug, Clone)]
+pub struct NotTestable {
+    /// Its id.
+    pub effect: &'static str,
+    /// Why not, with the column that would make it so.
+    pub reason: String,
+}
+
+/// Errors that are left.
+#[derive(Debug, Clone)]
+pub struct Unexplained {
+    /// Smallest p-value of the screens, corrected for their number.
+    pub p_value: f64,
+    /// Columns on which the errors depend.
+    pub covariates: Vec<String>,
+}
+
+/// The diagnosis of a table.
+#[derive(Debug, Clone)]
+pub struct Diagnosis {
+    /// Outliers under the final model.
+    pub outliers: usize,
+    /// Held-out error of the baseline.
+    pub baseline_heldout_rms: f64,
+    /// What no model can undercut.
+    pub noise_floor: f64,
+    /// The outcome.
+    pub verdict: Verdict,
+    /// Effects accepted, in their order.
+    pub accepted: Vec<&'static str>,
+    /// All that could be tried, best first.
+    pub candidates: Vec<Candidate>,
+    /// Accepted effects with those this data cannot tell from them.
+    pub indistinguishable: Vec<&'static str>,
+    /// What would tell them apart.
+    pub next: Option<NextMeasurement>,
+    /// Errors left.
+    pub unexplained: Unexplained,
+    /// Effects and held-out error, from the baseline on.
+    pub steps: Vec<(Vec<&'static str>, f64)>,
+    /// Effects that this table cannot show.
+    pub not_testable: Vec<NotTestable>,
+    /// What the user ought to know.
+    pub notes: Vec<String>,
+}
+
+/// An effect with its forms' columns.
+struct Prepared<'a> {
+    effect: &'static Effect,
+    variants: Vec<Variant<'a>>,
+    columns: Vec<Vec<Vec<f64>>>,
+}
+
+impl Prepared<'_> {
+    /// Leading and further columns of a form.
+    fn whole(&self, data: &Dataset, variant: usize) -> Vec<Vec<f64>> {
+        let mut out = self.columns[variant].clone();
+        out.extend(self.variants[variant].further.iter().map(|term| data.column(term)));
+        out
+    }
+}
+
+struct Ranked {
+    index: usize,
+    variant: usize,
+    p_value: f64,
+    strength: f64,
+    held_out: HeldOut,
+    refined: bool,
+}
+
+/// Diagnoses a table; `added` effects belong to the model already.
+pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions) -> Diagnosis {
+    let thinned = data.thinned(MOST_ROWS);
+    let data = thinned.as_ref().unwrap_or(data);
+    let mut notes = data.notes.clone();
+    let (prepared, not_testable) = prepare(data, added);
+    let adjusted = crate::user::adjusted(data, added);
+    let data = &adjusted.data;
+    let flips = flips(data.groups.len(), options.flips, options.seed);
+    if data.groups.len() < 8 {
+        notes.push(format!(
+            "{} groups can be flipped in {} ways: no p-value below {:.3} is possible; measure more {}",
+            data.groups.len(),
+            1u64 << data.groups.len().saturating_sub(1),
+            1.0 / f64::from(1u32 << data.groups.len().saturating_sub(1)),
+            if data.components() == 2 { "exposures" } else { "series" }
+        ));
+    }
+    let baseline: Vec<Vec<f64>> = adjusted.base.clone();
+    let mut base = baseline.clone();
+    let mut accepted: Vec<(usize, usize)> = Vec::new();
+    let mut sets: Vec<Vec<usize>> = Vec::new();
+    let mut excluded = vec![false; prepared.len()];
+    let mut strength = 0.0;
+    let mut first_ranking: Option<Vec<Ranked>> = None;
+    while accepted.len() < MOST_ACCEPTED {
+        let level = if accepted.is_empty() { LEVEL_FIRST[0] } else { LEVEL_LATER[0] };
+        let floor = FLOOR_NOISE.max(FLOOR_ACCEPTED * strength);
+        let frame = Frame::fitted(data, &base);
+        let ranking = rank(&frame, &prepared, &excluded, &flips);
+        let best = pick(&ranking, level, floor);
+        let Some(best) = best else {
+            first_ranking.get_or_insert(ranking);
+            break;
+        };
+        // Noise and jitter once more, without what the best effect explains.
+        let mut with_best = base.clone();
+        with_best.extend(prepared[best.index].whole(data, best.variant));
+        let weights = Frame::fitted(data, &with_best).weights;
+        let frame = Frame::weighted(data, &base, weights);
+        let ranking = rank(&frame, &prepared, &excluded, &flips);
+        let Some(best) = pick(&ranking, level, floor) else {
+            first_ranking.get_or_insert(ranking);
+            break;
+        };
+        let (index, variant) = (best.index, best.variant);
+        let set = confusable(&frame, &base, &prepared, &ranking, best, level, &flips);
+        strength = f64::hypot(strength, best.strength);
+        base.extend(prepared[index].whole(data, variant));
+        accepted.push((index, variant));
+        excluded[index] = true;
+        for &member in &set {
+            excluded[member] = true;
+        }
+        sets.push(set);
+        first_ranking.get_or_insert(ranking);
+    }
+
+    let frame = Frame::fitted(data, &base);
+    let level = if accepted.is_empty() { LEVEL_FIRST[1] } else { LEVEL_LATER[1] };
+    let unexplained =
+        unexplained(data, base.clone(), level, FLOOR_NOISE.max(FLOOR_ACCEPTED * strength), &flips);
+    let structure = !unexplained.covariates.is_empty();
+    let several = sets.iter().any(|set| set.len() > 1);
+    let verdict = match (structure, accepted.is_empty(), several) {
+        (true, ..) => Verdict::Unknown,
+        (false, true, _) => Verdict::Adequate,
+        (false, false, true) => Verdict::Confounded,
+        (false, false, false) => Verdict::Named,
+    };
+    let steps = ladder(data, &baseline, &prepared, &accepted, &frame.weights);
+    let next =
+        sets.iter().zip(&accepted).find(|(set, _)| set.len() > 1).and_then(|(set, &(index, variant))| {
+            let members: Vec<&'static Effect> = set.iter().map(|&i| prepared[i].effect).collect();
+            propose(data, &frame.weights, prepared[index].effect, variant, &members)
+        });
+    let candidates =
+        candidates(data, &baseline, &prepared, first_ranking.unwrap_or_default(), &frame.weights, &accepted);
+    let mut indistinguishable: Vec<&'static str> = Vec::new();
+    for &i in sets.iter().flatten() {
+        if !indistinguishable.contains(&prepared[i].effect.id) {
+            indistinguishable.push(prepared[i].effect.id);
+        }
+    }
+    Diagnosis {
+        outliers: frame.weights.outlier.iter().filter(|out| **out).count(),
+        baseline_heldout_rms: steps[0].1,
+        noise_floor: frame.weights.floor(),
+        verdict,
+        accepted: accepted.iter().map(|&(i, _)| prepared[i].effect.id).collect(),
+        candidates,
+        indistinguishable,
+        next,
+        unexplained,
+        steps,
+        not_testable,
+        notes,
+    }
+}
+
+/// Effects of the table with their columns, and those it cannot show.
+fn prepare<'a>(data: &'a Dataset, added: &[AddedEffect]) -> (Vec<Prepared<'a>>, Vec<NotTestable>) {
+    let (mut prepared, mut not) = (Vec::new(), Vec::new());
+    for effect in effects(Some(data.kind)) {
+        if added.iter().any(|a| matches!(a, AddedEffect::Catalogued(e) if e.id == effect.id)) {
+            continue;
+        }
+        match (effect.build)(data) {
+            Ok(variants) => {
+                let columns: Vec<Vec<Vec<f64>>> = variants
+                    .par_iter()
+                    .map(|variant| variant.leading.iter().map(|term| data.column(term)).collect())
+                    .collect();
+                prepared.push(Prepared { effect, variants, columns });
+            }
+            Err(reason) => not.push(NotTestable { effect: effect.id, reason }),
+        }
+    }
+    (prepared, not)
+}
+
+/// All candidates with p-values and held-out errors, best first.
+fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: &[Vec<bool>]) -> Vec<Ranked> {
+    let open: Vec<usize> = (0..prepared.len()).filter(|&i| !excluded[i]).collect();
+    let scores: Vec<Vec<Score>> = open
+        .iter()
+        .map(|&i| prepared[i].columns.par_iter().map(|columns| frame.score(columns)).collect())
+        .collect();
+    let borrowed: Vec<Vec<&Score>> = scores.iter().map(|variants| variants.iter().collect()).collect();
+    let p = p_values(&borrowed, flips);
+    let mut out: Vec<Ranked> = open
+        .par_iter()
+        .zip(&scores)
+        .zip(&p)
+        .filter_map(|((&index, scores), &p_value)| {
+            let (variant, score) =
+                scores.iter().enumerate().max_by(|a, b| a.1.deviate().total_cmp(&b.1.deviate()))?;
+            let leading = frame.held_out(&score.directions);
+            let whole = frame.score(&prepared[index].whole(frame.data, variant));
+            let refined = frame.held_out(&whole.directions);
+            let better = whole.rank() > score.rank() && refined.total() < leading.total();
+            let held_out = if better { refined } else { leading };
+            let strength = score.strength(frame.components());
+            Some(Ranked { index, variant, p_value, strength, held_out, refined: better })
+        })
+        .collect();
+    out.sort_by(|a, b| a.held_out.total().total_cmp(&b.held_out.total()));
+    out
+}
+
+/// The significant one with the least held-out error that is worth its name.
+fn pick(ranking: &[Ranked], level: f64, floor: f64) -> Option<&Ranked> {
+    ranking.iter().find(|r| r.p_value <= level && r.strength >= floor)
+}
+
+/// Candidates beside which the best effect adds nothing: their forms are taken whole, so that a leading form's own
+/// mismatch does not count against them.
+fn confusable(
+    frame: &Frame<'_>,
+    base: &[Vec<f64>],
+    prepared: &[Prepared<'_>],
+    ranking: &[Ranked],
+    best: &Ranked,
+    level: f64,
+    flips: &[Vec<bool>],
+) -> Vec<usize> {
+    let mut out = vec![best.index];
+    // A form searched over many shapes can be as near to a simple one as its shapes are dense: it has to do better.
+    let searched = |r: &Ranked| {
+        prepared[r.index].variants.len() > SEARCHED && r.held_out.total() >= best.held_out.total()
+    };
+    let rivals: Vec<&Ranked> =
+        ranking.iter().filter(|r| r.index != best.index && r.p_value <= level && !searched(r)).collect();
+    let kept: Vec<bool> = rivals
+        .par_iter()
+        .map(|rival| {
+            let mut columns = base.to_vec();
+            columns.extend(prepared[rival.index].whole(frame.data, rival.variant));
+            let beside = Frame::weighted(frame.data, &columns, frame.weights.clone());
+            let score = beside.score(&prepared[best.index].columns[best.variant]);
+            score.rank() == 0
+                || score.strength(beside.components()) < FLOOR_ACCEPTED * best.strength
+                || p_values(&[vec![&score]], flips)[0] > LEVEL_SET
+        })
+        .collect();
+    out.extend(rivals.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(rival, _)| rival.index));
+    out
+}
+
+/// Screens of what is left, the strongest taken out before the next is looked at.
+fn unexplained(
+    data: &Dataset,
+    base: Vec<Vec<f64>>,
+    level: f64,
+    floor: f64,
+    flips: &[Vec<bool>],
+) -> Unexplained {
+    let frame = Frame::fitted(data, &base);
+    let all = screens(&frame);
+    let p = screen_p_values(&all, flips);
+    let components = frame.components();
+    let mut order: Vec<usize> = (0..all.len()).collect();
+    order.sort_by(|&a, &b| all[b].score.deviate().total_cmp(&all[a].score.deviate()));
+    let p_value = order.first().map_or(1.0, |&i| p[i]);
+    let mut covariates: Vec<String> = Vec::new();
+    let first = order.iter().find(|&&i| p[i] <= level && all[i].score.strength(components) >= floor);
+    if let Some(&first) = first {
+        covariates.extend(all[first].covariates.iter().cloned());
+        // What remains beside the strongest names further columns.
+        let mut wider = frame;
+        for q in &all[first].score.directions {
+            wider.basis.push(q.clone());
+        }
+        wider.error = wider.basis.residual(wider.y.clone());
+        let rest = screens(&wider);
+        let p = screen_p_values(&rest, flips);
+        for (screen, _) in rest
+            .iter()
+            .zip(&p)
+            .filter(|(s, p)| **p <= LEVEL_LATER[1] && s.score.strength(components) >= 2.0 * floor)
+        {
+            for name in &screen.covariates {
+                if screen.covariates.len() == 1 && !covariates.contains(name) {
+                    covariates.push(name.clone());
+                }
+            }
+        }
+    }
+    Unexplained { p_value, covariates }
+}
+
+/// Held-out error from the baseline on, all under the final weights.
+fn ladder(
+    data: &Dataset,
+    baseline: &[Vec<f64>],
+    prepared: &[Prepared<'_>],
+    accepted: &[(usize, usize)],
+    weights: &Weights,
+) -> Vec<(Vec<&'static str>, f64)> {
+    let mut base = baseline.to_vec();
+    let mut names = Vec::new();
+    let rms = |base: &[Vec<f64>]| Frame::weighted(data, base, weights.clone()).held_out(&[]).rms;
+    let mut out = vec![(Vec::new(), rms(&base))];
+    for &(index, variant) in accepted {
+        let mut leading = base.clone();
+        leading.extend(prepared[index].columns[variant].iter().cloned());
+        base.extend(prepared[index].whole(data, variant));
+        names.push(prepared[index].effect.id);
+        out.push((names.clone(), rms(&leading).min(rms(&base))));
+    }
+    out
+}
+
+fn candidates(
+    data: &Dataset,
+    baseline: &[Vec<f64>],
+    prepared: &[Prepared<'_>],
+    ranking: Vec<Ranked>,
+    weights: &Weights,
+    accepted: &[(usize, usize)],
+) -> Vec<Candidate> {
+    let mut out: Vec<Candidate> = ranking
+        .into_iter()
+        .map(|ranked| {
+            let form = &prepared[ranked.index];
+            let mut columns = baseline.to_vec();
+            columns.extend(form.columns[ranked.variant].iter().cloned());
+            let names = form.variants[ranked.variant].leading.iter().map(|term| term.name.clone()).collect();
+            let mut parameters = estimate(data, &columns, weights).named(baseline.len(), names);
+            for (name, value) in &form.variants[ranked.variant].shape {
+                parameters.push(Parameter { name: (*name).to_owned(), value: *value, sigma: None });
+            }
+            if ranked.refined {
+                parameters.push(Parameter { name: "shape_refined".to_owned(), value: 1.0, sigma: None });
+            }
+            Candidate {
+                effect: form.effect.id,
+                p_value: ranked.p_value,
+                heldout_rms: ranked.held_out.rms,
+                parameters,
+            }
+        })
+        .collect();
+    // What was accepted first leads the list, also where it is a hair behind one that was no better in the end.
+    if let Some(&(index, _)) = accepted.first() {
+        out.sort_by_key(|candidate| candidate.effect != prepared[index].effect.id);
+    }
+    out
+}

@@ -1,0 +1,56 @@
+//! Coefficients of columns with their covariance.
+
+use crate::data::Dataset;
+use crate::linear::{Basis, dot};
+use crate::noise::Weights;
+
+/// A parameter's value.
+#[derive(Debug, Clone)]
+pub struct Parameter {
+    /// Its name, with its unit.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// Standard deviation; `None` where it was chosen from a list, not fitted.
+    pub sigma: Option<f64>,
+}
+
+pub(crate) struct Estimate {
+    pub(crate) values: Vec<f64>,
+    /// Covariance, row by row.
+    pub(crate) covariance: Vec<Vec<f64>>,
+}
+
+/// Generalised least squares under given weights; the noise's scale from the errors.
+pub(crate) fn estimate(data: &Dataset, columns: &[Vec<f64>], weights: &Weights) -> Estimate {
+    let basis = Basis::of(columns.iter().map(|column| {
+        let mut column = column.clone();
+        weights.whiten(data, &mut column);
+        column
+    }));
+    let mut y = data.y.clone();
+    weights.whiten(data, &mut y);
+    let values = basis.coefficients(&y);
+    let error = basis.residual(y);
+    let free = (weights.kept() * data.kind.components()) as f64 - basis.q.len() as f64;
+    // Tukey's weights take some light off good rows: the scale is that of what counts.
+    let scale = (dot(&error, &error) / free.max(1.0)).max(f64::MIN_POSITIVE);
+    let covariance =
+        basis.covariance().into_iter().map(|row| row.iter().map(|v| v * scale).collect()).collect();
+    Estimate { values, covariance }
+}
+
+impl Estimate {
+    /// Parameters from a column on.
+    pub(crate) fn named(&self, from: usize, names: Vec<String>) -> Vec<Parameter> {
+        names
+            .into_iter()
+            .enumerate()
+            .map(|(k, name)| Parameter {
+                name,
+                value: self.values[from + k],
+                sigma: Some(self.covariance[from + k][from + k].sqrt()),
+            })
+            .collect()
+    }
+}

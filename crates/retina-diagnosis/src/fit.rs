@@ -1,0 +1,120 @@
+//! Effects estimated together with the baseline.
+
+use crate::data::Dataset;
+use crate::estimate::{Parameter, estimate};
+use crate::noise::robust_fit;
+use crate::score::{Frame, flips};
+use crate::user::{AddedEffect, Adjusted, adjusted};
+
+/// Effects and baseline fitted to a table.
+pub struct Fit {
+    /// Parameters in the order of `correlation`; those that were chosen from lists after them.
+    pub parameters: Vec<Parameter>,
+    /// Correlation of the fitted parameters, row by row.
+    pub correlation: Vec<Vec<f64>>,
+    /// Weighted rms per component, without outliers.
+    pub rms: f64,
+    /// The same of groups left out.
+    pub heldout_rms: f64,
+    /// What no model can undercut.
+    pub noise_floor: f64,
+    /// Effects and held-out error, from the baseline on.
+    pub steps: Vec<(Vec<String>, f64)>,
+    /// Number of outliers.
+    pub outliers: usize,
+    /// What the user ought to know.
+    pub notes: Vec<String>,
+    /// What the effects add, all components.
+    pub(crate) effect: Vec<f64>,
+    /// Errors left, all components.
+    pub(crate) residual: Vec<f64>,
+    pub(crate) outlier: Vec<bool>,
+}
+
+/// Correlations above this are told to the user.
+const HIGH_CORRELATION: f64 = 0.95;
+
+/// Fits.
+///
+/// # Errors
+/// A user's formula is not finite, or its parameters cannot be told apart.
+pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, retina_files::InputError> {
+    crate::user::check_effects(data, added)?;
+    let Adjusted { data: shifted, base, names, owner, shape, start, user_values } = adjusted(data, added);
+    let robust = robust_fit(&shifted, &base);
+    let estimate = estimate(&shifted, &base, &robust.weights);
+    let n = names.len();
+    let sigma: Vec<f64> = (0..n).map(|i| estimate.covariance[i][i].sqrt()).collect();
+    let correlation: Vec<Vec<f64>> = (0..n)
+        .map(|i| {
+            (0..n)
+                .map(|j| {
+                    let scale = sigma[i] * sigma[j];
+                    if scale > 0.0 { estimate.covariance[i][j] / scale } else { f64::from(u8::from(i == j)) }
+                })
+                .collect()
+        })
+        .collect();
+    let mut notes = data.notes.clone();
+    for i in 0..n {
+        for j in 0..i {
+            if owner[i].is_some() && correlation[i][j].abs() > HIGH_CORRELATION {
+                notes.push(format!(
+                    "{} and {} are correlated by {:.3}",
+                    names[i], names[j], correlation[i][j]
+                ));
+            }
+        }
+    }
+    let mut parameters = estimate.named(0, names);
+    let users = n - start.len();
+    for (parameter, start) in parameters[users..].iter_mut().zip(&start) {
+        parameter.value += start;
+    }
+    parameters.extend(shape.into_iter().map(|(_, name, value)| Parameter { name, value, sigma: None }));
+
+    let mut effect = vec![0.0; data.y.len()];
+    let mut residual = shifted.y.clone();
+    for (k, column) in base.iter().enumerate() {
+        let c = estimate.values[k];
+        for at in 0..column.len() {
+            residual[at] -= c * column[at];
+            if owner[k].is_some() {
+                effect[at] += c * column[at];
+            }
+        }
+    }
+    for (_, values) in &user_values {
+        effect.iter_mut().zip(values).for_each(|(sum, v)| *sum += v);
+    }
+
+    let mut steps = Vec::new();
+    for count in 0..=added.len() {
+        let within = |index: Option<usize>| index.is_none_or(|index| index < count);
+        let columns: Vec<Vec<f64>> =
+            base.iter().zip(&owner).filter(|(_, o)| within(**o)).map(|(c, _)| c.clone()).collect();
+        let mut so_far = data.clone();
+        for (index, values) in &user_values {
+            if *index < count {
+                so_far.y.iter_mut().zip(values).for_each(|(y, v)| *y -= v);
+            }
+        }
+        let frame = Frame::weighted(&so_far, &columns, robust.weights.clone());
+        let names = added[..count].iter().map(|effect| effect.name().to_owned()).collect();
+        steps.push((names, frame.held_out(&[]).rms));
+    }
+    let flips = flips(data.groups.len(), 499, 1);
+    Ok(Fit {
+        parameters,
+        correlation,
+        rms: robust.weights.rms(data.components(), &residual),
+        heldout_rms: steps[added.len()].1,
+        noise_floor: crate::compare::floor(&shifted, &base, &flips),
+        steps,
+        outliers: robust.weights.outlier.iter().filter(|out| **out).count(),
+        notes,
+        effect,
+        residual,
+        outlier: robust.weights.outlier,
+    })
+}

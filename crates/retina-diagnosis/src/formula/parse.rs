@@ -1,0 +1,172 @@
+//! Text to operations, by precedence climbing; errors know their place.
+
+use retina_files::nearest;
+
+use super::{FUNCTIONS, Formula, Op};
+
+/// What does not fit, and where in the formula (bytes).
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct FormulaError {
+    pub(crate) problem: String,
+    pub(crate) help: Option<String>,
+    pub(crate) offset: usize,
+    pub(crate) length: usize,
+}
+
+struct Parser<'t> {
+    text: &'t str,
+    at: usize,
+    columns: &'t [&'t str],
+    parameters: &'t [&'t str],
+    ops: Vec<Op>,
+    depth: usize,
+}
+
+/// Deepest nesting: a limit that no honest formula meets keeps the stack whole.
+const DEEPEST: usize = 100;
+
+/// Parses a formula over columns and parameters.
+pub(crate) fn parse(text: &str, columns: &[&str], parameters: &[&str]) -> Result<Formula, FormulaError> {
+    let mut parser = Parser { text, at: 0, columns, parameters, ops: Vec::new(), depth: 0 };
+    parser.sum()?;
+    match parser.peek() {
+        None => Ok(Formula { ops: parser.ops }),
+        Some(_) => Err(parser.wrong("an operator is expected here", 1)),
+    }
+}
+
+impl Parser<'_> {
+    fn peek(&mut self) -> Option<char> {
+        let rest = &self.text[self.at..];
+        self.at += rest.len() - rest.trim_start().len();
+        self.text[self.at..].chars().next()
+    }
+
+    fn wrong(&self, problem: &str, length: usize) -> FormulaError {
+        FormulaError { problem: problem.to_owned(), help: None, offset: self.at, length }
+    }
+
+    fn sum(&mut self) -> Result<(), FormulaError> {
+        self.depth += 1;
+        if self.depth > DEEPEST {
+            return Err(self.wrong("the formula is nested too deeply", 1));
+        }
+        self.product()?;
+        while let Some(sign @ ('+' | '-')) = self.peek() {
+            self.at += 1;
+            self.product()?;
+            self.ops.push(if sign == '+' { Op::Add } else { Op::Subtract });
+        }
+        self.depth -= 1;
+        Ok(())
+    }
+
+    fn product(&mut self) -> Result<(), FormulaError> {
+        self.signed()?;
+        while let Some(sign @ ('*' | '/')) = self.peek() {
+            self.at += 1;
+            self.signed()?;
+            self.ops.push(if sign == '*' { Op::Multiply } else { Op::Divide });
+        }
+        Ok(())
+    }
+
+    /// -a ^ b is -(a ^ b).
+    fn signed(&mut self) -> Result<(), FormulaError> {
+        self.depth += 1;
+        if self.depth > DEEPEST {
+            return Err(self.wrong("the formula is nested too deeply", 1));
+        }
+        if self.peek() == Some('-') {
+            self.at += 1;
+            self.signed()?;
+            self.ops.push(Op::Negate);
+        } else {
+            self.operand()?;
+            if self.peek() == Some('^') {
+                self.at += 1;
+                self.signed()?;
+                self.ops.push(Op::Power);
+            }
+        }
+        self.depth -= 1;
+        Ok(())
+    }
+
+    fn operand(&mut self) -> Result<(), FormulaError> {
+        match self.peek() {
+            Some('(') => {
+                self.at += 1;
+                self.sum()?;
+                self.closed()
+            }
+            Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
+            Some(c) if c.is_alphabetic() || c == '_' => self.name(),
+            _ => Err(self.wrong("a number, a name or `(` is expected here", 1)),
+        }
+    }
+
+    fn closed(&mut self) -> Result<(), FormulaError> {
+        if self.peek() != Some(')') {
+            return Err(self.wrong("`)` is expected here", 1));
+        }
+        self.at += 1;
+        Ok(())
+    }
+
+    fn number(&mut self) -> Result<(), FormulaError> {
+        let bytes = self.text.as_bytes();
+        let mut end = self.at;
+        while end < bytes.len() {
+            let exponent =
+                matches!(bytes[end], b'+' | b'-') && matches!(bytes[end - 1], b'e' | b'E') && end > self.at;
+            if !(bytes[end].is_ascii_digit() || matches!(bytes[end], b'.' | b'e' | b'E') || exponent) {
+                break;
+            }
+            end += 1;
+        }
+        let value: f64 = self.text[self.at..end]
+            .parse()
+            .ok()
+            .filter(|v: &f64| v.is_finite())
+            .ok_or_else(|| self.wrong("is not a finite number", end - self.at))?;
+        self.ops.push(Op::Number(value));
+        self.at = end;
+        Ok(())
+    }
+
+    fn name(&mut self) -> Result<(), FormulaError> {
+        let rest = &self.text[self.at..];
+        let length = rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len());
+        let name = &rest[..length];
+        let find = |names: &[&str]| names.iter().position(|n| *n == name);
+        if let Some((_, function)) = FUNCTIONS.iter().find(|(n, _)| *n == name) {
+            self.at += length;
+            if self.peek() != Some('(') {
+                return Err(self.wrong("`(` is expected here: a function's argument", 1));
+            }
+            self.at += 1;
+            self.sum()?;
+            self.closed()?;
+            self.ops.push(Op::Call(*function));
+            return Ok(());
+        }
+        let op = match (find(self.parameters), find(self.columns)) {
+            (Some(index), _) => Op::Parameter(index),
+            (None, Some(index)) => Op::Column(index),
+            (None, None) if name == "pi" => Op::Number(std::f64::consts::PI),
+            (None, None) => {
+                let known =
+                    self.parameters.iter().chain(self.columns).chain(FUNCTIONS.iter().map(|(n, _)| n));
+                let near = nearest(name, known.copied()).map(|near| format!("did you mean `{near}`?"));
+                let all = || format!("columns here: {}", self.columns.join(", "));
+                let mut error = self.wrong(&format!("`{name}` is neither a column nor a parameter"), length);
+                error.help = Some(near.unwrap_or_else(all));
+                return Err(error);
+            }
+        };
+        self.ops.push(op);
+        self.at += length;
+        Ok(())
+    }
+}

@@ -1,0 +1,39 @@
+//! What a model leaves unexplained in measurements, and which physical effect explains it.
+//!
+//! - [`Dataset`]: points, power or phase tables as residuals with groups and covariates.
+//! - [`compare`]: errors against the noise, and what they depend on.
+//! - [`diagnose`]: which effect is missing, and which ones this data cannot tell apart.
+//! - [`fit`]: effects estimated with the baseline; [`AddedEffect`]: catalogued, or a user's formulas.
+//! - [`effects`]: the catalogue.
+
+mod catalogue;
+mod compare;
+mod data;
+mod diagnose;
+mod estimate;
+mod figure;
+mod fit;
+mod formula;
+mod linear;
+mod model_file;
+mod next;
+mod noise;
+mod output;
+mod score;
+mod screens;
+mod user;
+
+pub use catalogue::{Effect, effects};
+pub use compare::{Comparison, Dependence, WorstGroup, compare};
+pub use data::{Baseline, Covariate, Dataset, Group, Source, TableKind};
+pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, Unexplained, Verdict, diagnose};
+pub use estimate::Parameter;
+pub use figure::write_figure;
+pub use fit::{Fit, fit};
+pub use model_file::write_model;
+pub use next::NextMeasurement;
+pub use output::{
+    compare_json, compare_text, diagnose_json, diagnose_text, effects_json, effects_text, fit_json, fit_text,
+    write_predictions,
+};
+pub use user::{AddedEffect, UserEffect, check_effects};

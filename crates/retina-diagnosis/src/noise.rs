@@ -1,0 +1,271 @@
+//! Weights: noise as a function of brightness, a common error of each group, outliers.
+
+use crate::data::Dataset;
+use crate::linear::{Basis, dot};
+
+/// Rows further off than this many sigmas are outliers: of a normal error in the plane 4e-5, on a line 7e-6.
+const OUTLIER_SIGMAS: f64 = 4.5;
+/// Median length of a normal error in sigmas of one axis, for one and two components.
+const MEDIAN_LENGTH: [f64; 2] = [0.674_49, 1.177_41];
+/// Tukey's constant for 95 % efficiency, for one and two components.
+const TUKEY: [f64; 2] = [4.685, 5.1];
+const ROUNDS: usize = 8;
+
+/// How each row counts.
+#[derive(Debug, Clone)]
+pub(crate) struct Weights {
+    /// Inverse variance times the robust weight, of each row; 0: outlier.
+    pub(crate) weight: Vec<f64>,
+    /// Standard deviation of a component without the group's error.
+    pub(crate) sigma: Vec<f64>,
+    /// Variance of the group's common error per component.
+    pub(crate) jitter_variance: f64,
+    pub(crate) outlier: Vec<bool>,
+}
+
+/// A robust fit of columns.
+pub(crate) struct RobustFit {
+    /// y minus the columns.
+    pub(crate) residual: Vec<f64>,
+    pub(crate) weights: Weights,
+}
+
+impl Weights {
+    /// V^(-1/2) of a column in place: root weights, and each group's common part weighed down by
+    /// 1 - (1 + variance * sum of weights)^(-1/2).
+    pub(crate) fn whiten(&self, data: &Dataset, column: &mut [f64]) {
+        let n = data.kind.components();
+        for group in &data.groups {
+            let sum: f64 = self.weight[group.rows.clone()].iter().sum();
+            if sum <= 0.0 {
+                column[group.rows.start * n..group.rows.end * n].fill(0.0);
+                continue;
+            }
+            let kappa = self.kappa(sum);
+            for axis in 0..n {
+                let mut mean = 0.0;
+                for row in group.rows.clone() {
+                    mean += self.weight[row] * column[row * n + axis];
+                }
+                mean *= kappa / sum;
+                for row in group.rows.clone() {
+                    let value = &mut column[row * n + axis];
+                    *value = self.weight[row].sqrt() * (*value - mean);
+                }
+            }
+        }
+    }
+
+    /// From whitened errors back to errors times the root of the weights alone.
+    pub(crate) fn unwhiten(&self, data: &Dataset, column: &mut [f64]) {
+        let n = data.kind.components();
+        for group in &data.groups {
+            let sum: f64 = self.weight[group.rows.clone()].iter().sum();
+            if sum <= 0.0 {
+                continue;
+            }
+            let kappa = self.kappa(sum);
+            for axis in 0..n {
+                let along: f64 = group
+                    .rows
+                    .clone()
+                    .map(|row| self.weight[row].sqrt() * column[row * n + axis])
+                    .sum::<f64>()
+                    / sum;
+                for row in group.rows.clone() {
+                    column[row * n + axis] += kappa / (1.0 - kappa) * along * self.weight[row].sqrt();
+                }
+            }
+        }
+    }
+
+    fn kappa(&self, sum: f64) -> f64 {
+        1.0 - 1.0 / (1.0 + self.jitter_variance * sum).sqrt()
+    }
+
+    /// Inverse variance of a row, 0 for an outlier: errors are summed up without Tukey's factor, which would take the
+    /// largest of the good ones for less than they are.
+    pub(crate) fn inverse_variance(&self, row: usize) -> f64 {
+        if self.outlier[row] { 0.0 } else { 1.0 / (self.sigma[row] * self.sigma[row]) }
+    }
+
+    /// Root of the weighted mean square of errors per component.
+    pub(crate) fn rms(&self, components: usize, residual: &[f64]) -> f64 {
+        let (mut squares, mut sum) = (0.0, 0.0);
+        for (row, values) in residual.chunks_exact(components).enumerate() {
+            squares += self.inverse_variance(row) * dot(values, values);
+            sum += self.inverse_variance(row) * components as f64;
+        }
+        (squares / sum).sqrt()
+    }
+
+    /// Root of the weighted mean variance, the group's error included: what no model can undercut for an unseen group.
+    pub(crate) fn floor(&self) -> f64 {
+        let (mut total, mut sum) = (0.0, 0.0);
+        for (row, sigma) in self.sigma.iter().enumerate() {
+            total += self.inverse_variance(row) * (sigma * sigma + self.jitter_variance);
+            sum += self.inverse_variance(row);
+        }
+        (total / sum).sqrt()
+    }
+
+    /// Rows that are not outliers.
+    pub(crate) fn kept(&self) -> usize {
+        self.outlier.iter().filter(|out| !**out).count()
+    }
+}
+
+/// Fits columns robustly: weights and columns in turn.
+pub(crate) fn robust_fit(data: &Dataset, columns: &[Vec<f64>]) -> RobustFit {
+    let n = data.kind.components();
+    let rows = data.len();
+    let mut weights = Weights {
+        weight: vec![1.0; rows],
+        sigma: vec![1.0; rows],
+        jitter_variance: 0.0,
+        outlier: vec![false; rows],
+    };
+    let steady = steady_columns(data, columns);
+    let mut residual = data.y.clone();
+    for round in 0..ROUNDS {
+        let basis = Basis::of(columns.iter().map(|column| {
+            let mut column = column.clone();
+            weights.whiten(data, &mut column);
+            column
+        }));
+        let mut y = data.y.clone();
+        weights.whiten(data, &mut y);
+        let coefficients = basis.coefficients(&y);
+        residual.copy_from_slice(&data.y);
+        for (column, c) in columns.iter().zip(&coefficients) {
+            for (r, value) in residual.iter_mut().zip(column) {
+                *r -= c * value;
+            }
+        }
+        if round + 1 < ROUNDS {
+            weights.update(data, &residual, n, basis.q.len(), steady, round > 0);
+        }
+    }
+    RobustFit { residual, weights }
+}
+
+/// Columns that are constant within each group: what a common error of groups must be told apart from.
+fn steady_columns(data: &Dataset, columns: &[Vec<f64>]) -> usize {
+    let n = data.kind.components();
+    columns
+        .iter()
+        .filter(|column| {
+            data.groups.iter().all(|group| {
+                group
+                    .rows
+                    .clone()
+                    .all(|row| (0..n).all(|a| column[row * n + a] == column[group.rows.start * n + a]))
+            })
+        })
+        .count()
+}
+
+impl Weights {
+    fn update(
+        &mut self,
+        data: &Dataset,
+        residual: &[f64],
+        n: usize,
+        columns: usize,
+        steady: usize,
+        known: bool,
+    ) {
+        let shifts = self.shifts(data, residual, n, steady, known);
+        let mut length = vec![0.0; data.len()];
+        for (group, shift) in data.groups.iter().zip(&shifts) {
+            for row in group.rows.clone() {
+                length[row] = (0..n).map(|a| (residual[row * n + a] - shift[a]).powi(2)).sum::<f64>().sqrt();
+            }
+        }
+        let free = columns + n * shifts.iter().filter(|s| **s != [0.0; 2]).count();
+        self.sigma =
+            sigmas(&data.noise_key, &length, &self.outlier, free as f64 / n as f64, MEDIAN_LENGTH[n - 1]);
+        for row in 0..length.len() {
+            let t = length[row] / self.sigma[row];
+            self.outlier[row] = t > OUTLIER_SIGMAS;
+            let factor =
+                if self.outlier[row] { 0.0 } else { (1.0 - (t / TUKEY[n - 1]).powi(2)).max(0.0).powi(2) };
+            self.weight[row] = factor / (self.sigma[row] * self.sigma[row]);
+        }
+    }
+
+    /// Moment estimate of the variance of the groups' common errors (DerSimonian and Laird, Controlled Clinical Trials
+    /// 7, 1986, eq. 8), and each group's, shrunk by what its rows' noise leaves uncertain.
+    fn shifts(
+        &mut self,
+        data: &Dataset,
+        residual: &[f64],
+        n: usize,
+        steady: usize,
+        known: bool,
+    ) -> Vec<[f64; 2]> {
+        if !data.jitters {
+            return vec![[0.0; 2]; data.groups.len()];
+        }
+        let means: Vec<(f64, [f64; 2])> = data
+            .groups
+            .iter()
+            .map(|group| {
+                let (mut sum, mut mean) = (0.0, [0.0; 2]);
+                for row in group.rows.clone() {
+                    sum += self.weight[row];
+                    for a in 0..n {
+                        mean[a] += self.weight[row] * residual[row * n + a];
+                    }
+                }
+                (sum, mean.map(|m| if sum > 0.0 { m / sum } else { 0.0 }))
+            })
+            .filter(|(sum, _)| sum.is_finite())
+            .collect();
+        let free =
+            means.iter().filter(|(sum, _)| *sum > 0.0).count() as f64 - (steady as f64 / n as f64).max(1.0);
+        let total: f64 = means.iter().map(|(sum, _)| sum).sum();
+        let squares: f64 = means.iter().map(|(sum, _)| sum * sum).sum();
+        // Tukey's weights of normal errors have a mean below 1: the means' own scatter is larger by that factor.
+        let spread: f64 =
+            means.iter().map(|(sum, mean)| sum * (mean[0] * mean[0] + mean[1] * mean[1])).sum::<f64>()
+                / n as f64;
+        let scale = total - squares / total;
+        self.jitter_variance =
+            if known && free >= 1.0 && scale > 0.0 { ((spread - free) / scale).max(0.0) } else { 0.0 };
+        let variance = self.jitter_variance;
+        means.iter().map(|(sum, mean)| mean.map(|m| m * variance * sum / (1.0 + variance * sum))).collect()
+    }
+}
+
+/// Standard deviation of each row: medians of lengths in groups of like brightness, log-linear in between.
+fn sigmas(key: &[f64], length: &[f64], outlier: &[bool], free: f64, median_length: f64) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..key.len()).filter(|&i| !outlier[i]).collect();
+    order.sort_by(|&a, &b| key[a].total_cmp(&key[b]));
+    let left = (order.len() as f64 - free).max(1.0);
+    let correction = (order.len() as f64 / left).sqrt();
+    let bins = (order.len() / 120).clamp(1, 16);
+    let nodes: Vec<(f64, f64)> = (0..bins)
+        .map(|bin| {
+            let members = &order[bin * order.len() / bins..(bin + 1) * order.len() / bins];
+            let mut lengths: Vec<f64> = members.iter().map(|&i| length[i]).collect();
+            let middle = lengths.len() / 2;
+            let median = *lengths.select_nth_unstable_by(middle, f64::total_cmp).1;
+            let mean = members.iter().map(|&i| key[i]).sum::<f64>() / members.len() as f64;
+            // Exact data have no noise; the bound keeps weights finite.
+            (mean, (correction * median / median_length).max(1e-9).ln())
+        })
+        .collect();
+    key.iter().map(|&k| interpolated(&nodes, k).exp()).collect()
+}
+
+/// Linear between nodes, level beyond them.
+fn interpolated(nodes: &[(f64, f64)], at: f64) -> f64 {
+    let next = nodes.partition_point(|node| node.0 < at);
+    if next == 0 {
+        return nodes[0].1;
+    }
+    let Some(&(x1, y1)) = nodes.get(next) else { return nodes[nodes.len() - 1].1 };
+    let (x0, y0) = nodes[next - 1];
+    if x1 > x0 { y0 + (at - x0) / (x1 - x0) * (y1 - y0) } else { y1 }
+}

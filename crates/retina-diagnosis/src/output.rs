@@ -1,0 +1,282 @@
+//! Results as JSON, text and tables.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use retina_files::{InputError, write_atomic};
+use serde_json::{Map, Value, json};
+
+use crate::catalogue::Effect;
+use crate::compare::{Comparison, PERCENTILES};
+use crate::data::{Dataset, TableKind};
+use crate::diagnose::{Diagnosis, Verdict};
+use crate::estimate::Parameter;
+use crate::fit::Fit;
+
+fn parameters_json(parameters: &[Parameter]) -> Value {
+    let entries: Map<String, Value> =
+        parameters.iter().map(|p| (p.name.clone(), json!({ "value": p.value, "sigma": p.sigma }))).collect();
+    Value::Object(entries)
+}
+
+/// `compare --json`, schema `retina.compare/1`.
+pub fn compare_json(data: &Dataset, result: &Comparison) -> Value {
+    let percentiles: Map<String, Value> =
+        PERCENTILES.iter().zip(result.percentiles).map(|(p, v)| (p.to_string(), json!(v))).collect();
+    let mut out = json!({
+        "schema": "retina.compare/1",
+        "table": data.kind.name(),
+        "rows": result.rows,
+        "saturated": result.saturated,
+        "outliers": result.outliers,
+        "rms": result.rms,
+        "noise_floor": result.noise_floor,
+        "jitter": result.jitter,
+        "unit": data.kind.unit(),
+        "percentiles": percentiles,
+        "worst_groups": result.worst_groups.iter().map(|g| json!({ "group": g.name, "rms": g.rms, "rows": g.rows })).collect::<Vec<_>>(),
+        "dependence": result.dependence.iter().map(|d| json!({ "covariates": d.covariates, "p_value": d.p_value, "share": d.share })).collect::<Vec<_>>(),
+        "notes": result.notes,
+    });
+    if let Some(fraction) = result.fraction_within_10_arcsec {
+        out["fraction_within_10_arcsec"] = json!(fraction);
+    }
+    out
+}
+
+/// `diagnose --json`, schema `retina.diagnosis/1`.
+pub fn diagnose_json(data: &Dataset, result: &Diagnosis) -> Value {
+    json!({
+        "schema": "retina.diagnosis/1",
+        "table": data.kind.name(),
+        "rows": data.table_rows,
+        "outliers": result.outliers,
+        "baseline": { "heldout_rms": result.baseline_heldout_rms, "unit": data.kind.unit(), "noise_floor": result.noise_floor },
+        "verdict": result.verdict.name(),
+        "accepted": result.accepted,
+        "candidates": result.candidates.iter().map(|c| json!({
+            "effect": c.effect,
+            "p_value": c.p_value,
+            "heldout_rms": c.heldout_rms,
+            "parameters": parameters_json(&c.parameters),
+        })).collect::<Vec<_>>(),
+        "indistinguishable": result.indistinguishable,
+        "next_measurement": result.next.as_ref().map(|next| json!({
+            "action": next.action,
+            "value": next.value,
+            "separates": next.separates,
+            "expected_sigma": next.expected_sigma,
+        })),
+        "unexplained": { "p_value": result.unexplained.p_value, "covariates": result.unexplained.covariates },
+        "steps": result.steps.iter().map(|(effects, rms)| json!({ "effects": effects, "heldout_rms": rms })).collect::<Vec<_>>(),
+        "not_testable": result.not_testable.iter().map(|n| json!({ "effect": n.effect, "reason": n.reason })).collect::<Vec<_>>(),
+        "notes": result.notes,
+    })
+}
+
+/// `fit --json`, schema `retina.fit/1`.
+pub fn fit_json(data: &Dataset, result: &Fit) -> Value {
+    let fitted: Vec<&str> =
+        result.parameters[..result.correlation.len()].iter().map(|p| p.name.as_str()).collect();
+    json!({
+        "schema": "retina.fit/1",
+        "table": data.kind.name(),
+        "unit": data.kind.unit(),
+        "rows": data.table_rows,
+        "outliers": result.outliers,
+        "parameters": parameters_json(&result.parameters),
+        "correlation": { "parameters": fitted, "matrix": result.correlation },
+        "rms": result.rms,
+        "heldout_rms": result.heldout_rms,
+        "noise_floor": result.noise_floor,
+        "steps": result.steps.iter().map(|(effects, rms)| json!({ "effects": effects, "heldout_rms": rms })).collect::<Vec<_>>(),
+        "notes": result.notes,
+    })
+}
+
+/// `effects --json`, schema `retina.effects/1`.
+pub fn effects_json(effects: &[&Effect]) -> Value {
+    let list: Vec<Value> = effects
+        .iter()
+        .map(|e| {
+            json!({
+                "effect": e.id,
+                "table": e.kind.name(),
+                "formula": e.formula,
+                "source": e.source,
+                "covariates": e.covariates,
+                "plausible": e.plausible,
+                "class": e.class,
+                "separated_by": e.separated_by.map(|(action, value)| json!({ "action": action, "value": value })),
+            })
+        })
+        .collect();
+    json!({ "schema": "retina.effects/1", "effects": list })
+}
+
+/// The catalogue as text.
+pub fn effects_text(effects: &[&Effect]) -> Vec<String> {
+    let mut out = Vec::new();
+    for e in effects {
+        out.push(format!("{} ({})", e.id, e.kind.name()));
+        out.push(format!("    adds      {}", e.formula));
+        out.push(format!("    size      {}", e.plausible));
+        out.push(format!("    columns   {}", e.covariates.join(", ")));
+        out.push(format!("    source    {}", e.source));
+        if e.class.len() > 1 {
+            out.push(format!("    alike     {}", e.class.join(", ")));
+        }
+        if let Some((action, value)) = e.separated_by {
+            out.push(format!("    separate  {action}: {value}"));
+        }
+    }
+    out
+}
+
+/// The comparison as text.
+pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
+    let unit = data.kind.unit();
+    let mut out = vec![
+        format!("{} rows, {} saturated, {} outliers", result.rows, result.saturated, result.outliers),
+        format!("error {:.4} {unit} rms per component, noise {:.4} {unit}", result.rms, result.noise_floor),
+    ];
+    let cells: Vec<String> =
+        PERCENTILES.iter().zip(result.percentiles).map(|(p, v)| format!("{p} %: {v:.3}")).collect();
+    out.push(format!("errors within ({unit})  {}", cells.join("  ")));
+    let seen: Vec<_> = result.dependence.iter().filter(|d| d.p_value <= 0.02).collect();
+    if seen.is_empty() {
+        out.push("the errors depend on no column: all is noise".to_owned());
+    }
+    for d in seen.iter().take(8) {
+        out.push(format!(
+            "depends on {}: {:.1} % of the errors' squares, p = {:.3}",
+            d.covariates.join(" and "),
+            100.0 * d.share,
+            d.p_value
+        ));
+    }
+    for group in &result.worst_groups {
+        out.push(format!("worst: {} ({} rows), {:.4} {unit}", group.name, group.rows, group.rms));
+    }
+    out.extend(result.notes.iter().map(|note| format!("note: {note}")));
+    out
+}
+
+/// The diagnosis as text.
+pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
+    let unit = data.kind.unit();
+    let mut out = vec![match result.verdict {
+        Verdict::Adequate => "adequate: no effect beyond noise".to_owned(),
+        Verdict::Named => format!("named: {}", result.accepted.join(" and ")),
+        Verdict::Confounded => {
+            format!("confounded: this data cannot tell apart {}", result.indistinguishable.join(", "))
+        }
+        Verdict::Unknown => {
+            let found = if result.accepted.is_empty() {
+                String::new()
+            } else {
+                format!(" beside {}", result.accepted.join(" and "))
+            };
+            format!("unknown{found}: errors depend on {}", result.unexplained.covariates.join(", "))
+        }
+    }];
+    for (effects, rms) in &result.steps {
+        let name =
+            if effects.is_empty() { "baseline".to_owned() } else { format!("+ {}", effects.join(" + ")) };
+        out.push(format!("{rms:10.4} {unit}  held out, {name}"));
+    }
+    out.push(format!("{:10.4} {unit}  noise", result.noise_floor));
+    if let Some(next) = &result.next {
+        let gain =
+            next.expected_sigma.map_or_else(String::new, |s| format!(", would differ by {s:.1} sigma"));
+        out.push(format!(
+            "measure next: {} ({}), separates {}{gain}",
+            next.action,
+            next.value,
+            next.separates.join(", ")
+        ));
+    }
+    out.push("effect                  p        held out   parameters".to_owned());
+    for c in &result.candidates {
+        let parameters: Vec<String> = c
+            .parameters
+            .iter()
+            .map(|p| match p.sigma {
+                Some(sigma) => format!("{} {:.3} +- {:.3}", p.name, p.value, sigma),
+                None => format!("{} {}", p.name, p.value),
+            })
+            .collect();
+        out.push(format!(
+            "{:22} {:7.4} {:10.4}   {}",
+            c.effect,
+            c.p_value,
+            c.heldout_rms,
+            parameters.join(", ")
+        ));
+    }
+    for not in &result.not_testable {
+        out.push(format!("{:22} not testable: {}", not.effect, not.reason));
+    }
+    out.extend(result.notes.iter().map(|note| format!("note: {note}")));
+    out
+}
+
+/// The fit as text.
+pub fn fit_text(data: &Dataset, result: &Fit) -> Vec<String> {
+    let unit = data.kind.unit();
+    let mut out = Vec::new();
+    for (effects, rms) in &result.steps {
+        let name =
+            if effects.is_empty() { "baseline".to_owned() } else { format!("+ {}", effects.join(" + ")) };
+        out.push(format!("{rms:10.4} {unit}  held out, {name}"));
+    }
+    out.push(format!(
+        "{:10.4} {unit}  noise;  {:.4} in the fit, {} outliers",
+        result.noise_floor, result.rms, result.outliers
+    ));
+    for p in &result.parameters {
+        out.push(match p.sigma {
+            Some(sigma) => format!("{:40} {:14.6} +- {:.6}", p.name, p.value, sigma),
+            None => format!("{:40} {:14.6} (chosen)", p.name, p.value),
+        });
+    }
+    out.extend(result.notes.iter().map(|note| format!("note: {note}")));
+    out
+}
+
+/// `fit --predictions`: a row for each row of the files, in their order; saturated rows were not fitted and have empty
+/// cells and count as outliers.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_predictions(path: &Path, data: &Dataset, fit: &Fit) -> Result<(), InputError> {
+    let n = data.components();
+    let mut text = String::from(if data.kind == TableKind::Points {
+        "baseline_x_px,baseline_y_px,effect_x_px,effect_y_px,residual_x_px,residual_y_px,outlier\n"
+    } else {
+        "baseline,effect,residual,outlier\n"
+    });
+    let mut place = vec![None; data.table_rows];
+    for (row, &line) in data.order.iter().enumerate() {
+        place[line] = Some(row);
+    }
+    for row in place {
+        let Some(row) = row else {
+            text.push_str(&",".repeat(3 * n));
+            text.push_str("1\n");
+            continue;
+        };
+        let frame = &data.frame[row];
+        let in_table = |values: &[f64]| -> Vec<f64> {
+            (0..n).map(|i| (0..n).map(|j| frame.to_table[i][j] * values[row * n + j]).sum()).collect()
+        };
+        let (effect, residual) = (in_table(&fit.effect), in_table(&fit.residual));
+        let baseline: Vec<f64> = (0..n).map(|i| frame.measured[i] - effect[i] - residual[i]).collect();
+        for value in baseline.iter().chain(&effect).chain(&residual) {
+            let _ = write!(text, "{value:.9e},");
+        }
+        let _ = writeln!(text, "{}", u8::from(fit.outlier[row]));
+    }
+    write_atomic(path, text.as_bytes())
+        .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+}

@@ -1,0 +1,398 @@
+//! Effects that are part of the model: catalogued ones by id, the user's own as formulas in a file.
+
+use std::path::{Path, PathBuf};
+
+use retina_files::{InputError, Place, Snippet, nearest, parse_toml, read_text};
+use serde::Deserialize;
+use toml::Spanned;
+
+use crate::catalogue::{Effect, effects};
+use crate::data::{ARCSEC_PER_RAD, Dataset, TableKind};
+use crate::formula::{Formula, parse};
+use crate::linear::{dot, solve_positive};
+use crate::noise::robust_fit;
+use crate::score::Frame;
+
+/// An effect added to the baseline.
+#[derive(Clone)]
+pub enum AddedEffect {
+    /// One of the catalogue.
+    Catalogued(&'static Effect),
+    /// A user's.
+    User(UserEffect),
+}
+
+/// A user's effect.
+#[derive(Debug, Clone)]
+pub struct UserEffect {
+    /// Its name.
+    pub name: String,
+    /// Names, start values and units of its parameters.
+    pub parameters: Vec<(String, f64, String)>,
+    formulas: Vec<Formula>,
+    columns: Vec<String>,
+    scale: f64,
+    file: PathBuf,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EffectFile {
+    name: String,
+    unit: Spanned<String>,
+    #[serde(default)]
+    parameters: toml::Table,
+    dx: Option<Spanned<String>>,
+    dy: Option<Spanned<String>>,
+    value: Option<Spanned<String>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ParameterFile {
+    start: f64,
+    #[serde(default)]
+    unit: String,
+}
+
+impl AddedEffect {
+    /// From the text of `--effect`: an id, or a file that ends in `.toml`.
+    ///
+    /// # Errors
+    /// No such effect for this table, or the file does not fit.
+    pub fn read(text: &str, data: &Dataset) -> Result<Self, InputError> {
+        if text.ends_with(".toml") {
+            return UserEffect::read(Path::new(text), data).map(Self::User);
+        }
+        let all = effects(Some(data.kind));
+        if let Some(effect) = all.iter().find(|effect| effect.id == text) {
+            if let Err(reason) = (effect.build)(data) {
+                return Err(
+                    InputError::new("--effect", format!("this table cannot show `{text}`")).found(reason)
+                );
+            }
+            return Ok(Self::Catalogued(effect));
+        }
+        let ids: Vec<&str> = all.iter().map(|effect| effect.id).collect();
+        let near = nearest(text, ids.iter().copied()).map(|near| format!("did you mean `{near}`? "));
+        Err(InputError::new("--effect", format!("is no effect on {}", data.kind.name()))
+            .found(format!("`{text}`"))
+            .expected("an effect's id, or a file that ends in .toml")
+            .help(format!("{}`retina effects` lists them", near.unwrap_or_default())))
+    }
+
+    /// Its id or name.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Catalogued(effect) => effect.id,
+            Self::User(effect) => &effect.name,
+        }
+    }
+}
+
+impl UserEffect {
+    fn read(path: &Path, data: &Dataset) -> Result<Self, InputError> {
+        let text = read_text(path)?;
+        let file: EffectFile = parse_toml(path, &text)?;
+        let pointed = |span: std::ops::Range<usize>, problem: String| {
+            let before = &text[..span.start.min(text.len())];
+            let mut error = InputError::new(path, problem);
+            error.place = Place::LineColumn(
+                before.matches('\n').count() + 1,
+                before.chars().rev().take_while(|c| *c != '\n').count() + 1,
+            );
+            error.snippet =
+                Some(Snippet { text: text.clone(), offset: span.start, length: span.len().max(1) });
+            error
+        };
+        let mut parameters = Vec::new();
+        for (name, value) in &file.parameters {
+            let parameter: ParameterFile = value.clone().try_into().map_err(|error: toml::de::Error| {
+                InputError::new(path, error.message().to_owned())
+                    .at(format!("key `parameters.{name}`"))
+                    .expected("{ start = 1.0, unit = \"arcsec\" }")
+            })?;
+            if data.covariate(name).is_some() {
+                return Err(InputError::new(path, "the parameter has a column's name")
+                    .at(format!("key `parameters.{name}`"))
+                    .help("give it another name"));
+            }
+            parameters.push((name.clone(), parameter.start, parameter.unit));
+        }
+        let scale = match (data.kind, file.unit.get_ref().as_str()) {
+            (TableKind::Points, "arcsec") | (TableKind::Power, "relative") | (TableKind::Phase, "mag") => 1.0,
+            (TableKind::Points, "rad") => ARCSEC_PER_RAD,
+            (TableKind::Points, "mrad") => ARCSEC_PER_RAD * 1e-3,
+            (TableKind::Points, "arcmin") => 60.0,
+            (TableKind::Points, "deg") => 3600.0,
+            (TableKind::Power, "percent") => 0.01,
+            (kind, other) => {
+                let expected =
+                    ["arcsec, arcmin, deg, mrad or rad", "relative or percent", "mag"][kind as usize];
+                return Err(pointed(file.unit.span(), format!("is no unit of errors in {}", kind.name()))
+                    .found(format!("`{other}`"))
+                    .expected(expected));
+            }
+        };
+        let mut columns: Vec<String> = data.covariates.iter().map(|c| c.name.clone()).collect();
+        if data.covariate("log10_irradiance").is_some() {
+            columns.extend(["L".to_owned(), "F".to_owned()]);
+        }
+        let names: Vec<&str> = columns.iter().map(String::as_str).collect();
+        let parameter_names: Vec<&str> = parameters.iter().map(|p| p.0.as_str()).collect();
+        let given = match data.kind {
+            TableKind::Points => [("dx", &file.dx), ("dy", &file.dy)].to_vec(),
+            _ => vec![("value", &file.value)],
+        };
+        let mut formulas = Vec::new();
+        for (key, formula) in given {
+            let Some(formula) = formula else {
+                return Err(InputError::new(path, format!("key `{key}` is missing"))
+                    .expected(format!("a formula, {key} = \"...\""))
+                    .help(if data.kind == TableKind::Points {
+                        "points need `dx` and `dy`"
+                    } else {
+                        "this table needs `value`"
+                    }));
+            };
+            let source = formula.get_ref();
+            formulas.push(parse(source, &names, &parameter_names).map_err(|error| {
+                // The text begins after one quote, or three.
+                let quotes = if text[formula.span()].starts_with("\"\"\"") { 3 } else { 1 };
+                let start = formula.span().start + quotes + error.offset;
+                let mut out =
+                    pointed(start..start + error.length, format!("{} in the formula `{key}`", error.problem));
+                out.help = error.help;
+                out
+            })?);
+        }
+        Ok(Self { name: file.name, parameters, formulas, columns, scale, file: path.to_path_buf() })
+    }
+
+    /// Values over all components, and derivatives by each parameter.
+    pub(crate) fn evaluate(&self, data: &Dataset, parameters: &[f64]) -> (Vec<f64>, Vec<Vec<f64>>) {
+        let columns: Vec<&[f64]> = self
+            .columns
+            .iter()
+            .map(|name| data.values(if name == "L" || name == "F" { "log10_irradiance" } else { name }))
+            .collect();
+        let light = self.columns.iter().position(|name| name == "F");
+        let mut values = Vec::with_capacity(data.y.len());
+        let mut slopes = vec![Vec::with_capacity(data.y.len()); parameters.len()];
+        for row in 0..data.len() {
+            for formula in &self.formulas {
+                let column = |index: usize| {
+                    let value = columns[index][row];
+                    if Some(index) == light { 10f64.powf(value) } else { value }
+                };
+                let (value, slope) = formula.evaluate(column, parameters);
+                values.push(self.scale * value);
+                for (all, s) in slopes.iter_mut().zip(slope) {
+                    all.push(self.scale * s);
+                }
+            }
+        }
+        (values, slopes)
+    }
+
+    fn finite(&self, values: &[f64], slopes: &[Vec<f64>]) -> bool {
+        values.iter().chain(slopes.iter().flatten()).all(|v| v.is_finite())
+    }
+}
+
+/// Data and base columns with the added effects in.
+pub(crate) struct Adjusted {
+    /// y without the non-linear part of the users' effects at their fitted parameters.
+    pub(crate) data: Dataset,
+    /// Baseline, then the added effects' columns.
+    pub(crate) base: Vec<Vec<f64>>,
+    /// Names of the columns.
+    pub(crate) names: Vec<String>,
+    /// Which effect (index into the added ones) a column belongs to; `None`: the baseline.
+    pub(crate) owner: Vec<Option<usize>>,
+    /// Shape parameters chosen from lists: effect, name, value.
+    pub(crate) shape: Vec<(usize, String, f64)>,
+    /// Values of users' parameters; their columns' coefficients are what is still to be added.
+    pub(crate) start: Vec<f64>,
+    /// Fixed part of the users' effects, per effect.
+    pub(crate) user_values: Vec<(usize, Vec<f64>)>,
+}
+
+/// Refuses users' effects that cannot be fitted to these data.
+///
+/// # Errors
+/// A formula or a derivative is not finite at the start values, or a parameter cannot be told from what else is fitted.
+pub fn check_effects(data: &Dataset, added: &[AddedEffect]) -> Result<(), InputError> {
+    for effect in added {
+        let AddedEffect::User(user) = effect else { continue };
+        let start: Vec<f64> = user.parameters.iter().map(|p| p.1).collect();
+        let (values, slopes) = user.evaluate(data, &start);
+        if !user.finite(&values, &slopes) {
+            let at = values.iter().position(|v| !v.is_finite());
+            return Err(InputError::new(&user.file, format!("effect `{}` is not finite at its start values", user.name))
+                .found(at.map_or_else(
+                    || "a derivative that is not finite".to_owned(),
+                    |at| format!("row {} of the data", data.order[at / data.components()] + 1),
+                ))
+                .help("keep divisions by 0, logarithms and powers of 0 out of the formula, or choose other start values"));
+        }
+        let mut adjusted = adjusted(data, &[]);
+        let before = adjusted.base.len();
+        adjusted.base.extend(slopes);
+        let frame = Frame::fitted(data, &adjusted.base[..before]);
+        for (k, parameter) in user.parameters.iter().enumerate() {
+            let mut others: Vec<Vec<f64>> = adjusted.base.clone();
+            let own = others.remove(before + k);
+            let beside = Frame::weighted(data, &others, frame.weights.clone());
+            if beside.score(&[own]).rank() == 0 {
+                return Err(InputError::new(
+                    &user.file,
+                    format!(
+                        "parameter `{}` cannot be told from the others or from the baseline",
+                        parameter.0
+                    ),
+                )
+                .at(format!("key `parameters.{}`", parameter.0))
+                .help("a column that is constant here, or a form that the baseline has already"));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Levenberg-Marquardt's turns.
+const TURNS: usize = 60;
+
+/// Fits the users' parameters and lays out all columns.
+pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
+    let mut base: Vec<Vec<f64>> = Vec::new();
+    let (mut names, mut owner) = (Vec::new(), Vec::new());
+    for term in data.baseline_terms() {
+        base.push(data.column(&term));
+        names.push(term.name);
+        owner.push(None);
+    }
+    let mut shape = Vec::new();
+    for (index, effect) in added.iter().enumerate() {
+        let AddedEffect::Catalogued(effect) = effect else { continue };
+        let Ok(variants) = (effect.build)(data) else { continue };
+        let frame = Frame::fitted(data, &base);
+        let columns: Vec<Vec<Vec<f64>>> =
+            variants.iter().map(|v| v.leading.iter().map(|t| data.column(t)).collect()).collect();
+        let scores: Vec<f64> = columns.iter().map(|c| frame.score(c).deviate()).collect();
+        let Some(best) = (0..variants.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b])) else {
+            continue;
+        };
+        let leading = frame.score(&columns[best]);
+        let further: Vec<Vec<f64>> = variants[best].further.iter().map(|t| data.column(t)).collect();
+        let mut whole = columns[best].clone();
+        whole.extend(further.iter().cloned());
+        let refined = frame.held_out(&frame.score(&whole).directions).total()
+            < frame.held_out(&leading.directions).total();
+        let mut put = |term: &crate::data::Term<'_>, column: Vec<f64>| {
+            base.push(column);
+            names.push(format!("{}.{}", effect.id, term.name));
+            owner.push(Some(index));
+        };
+        for (term, column) in variants[best].leading.iter().zip(&columns[best]) {
+            put(term, column.clone());
+        }
+        if refined {
+            for (term, column) in variants[best].further.iter().zip(further) {
+                put(term, column);
+            }
+        }
+        shape.extend(variants[best].shape.iter().map(|(n, v)| (index, format!("{}.{n}", effect.id), *v)));
+    }
+    let users: Vec<(usize, &UserEffect)> = added
+        .iter()
+        .enumerate()
+        .filter_map(|(i, e)| if let AddedEffect::User(user) = e { Some((i, user)) } else { None })
+        .collect();
+    let start = levenberg_marquardt(data, &base, &users);
+    let mut out = data.clone();
+    let mut user_values = Vec::new();
+    let mut at = 0;
+    for (index, user) in &users {
+        let here = &start[at..at + user.parameters.len()];
+        let (values, slopes) = user.evaluate(data, here);
+        for (y, value) in out.y.iter_mut().zip(&values) {
+            *y -= value;
+        }
+        for (parameter, slope) in user.parameters.iter().zip(slopes) {
+            base.push(slope);
+            names.push(format!("{}.{}", user.name, parameter.0));
+            owner.push(Some(*index));
+        }
+        user_values.push((*index, values));
+        at += user.parameters.len();
+    }
+    Adjusted { data: out, base, names, owner, shape, start, user_values }
+}
+
+/// Users' parameters by D. Marquardt's method (SIAM Journal 11, 1963), all linear columns solved for at every turn.
+fn levenberg_marquardt(data: &Dataset, base: &[Vec<f64>], users: &[(usize, &UserEffect)]) -> Vec<f64> {
+    let mut theta: Vec<f64> =
+        users.iter().flat_map(|(_, user)| user.parameters.iter().map(|p| p.1)).collect();
+    if theta.is_empty() {
+        return theta;
+    }
+    let model = |theta: &[f64]| {
+        let (mut values, mut slopes) = (vec![0.0; data.y.len()], Vec::new());
+        let mut at = 0;
+        for (_, user) in users {
+            let (v, s) = user.evaluate(data, &theta[at..at + user.parameters.len()]);
+            values.iter_mut().zip(&v).for_each(|(sum, v)| *sum += v);
+            slopes.extend(s);
+            at += user.parameters.len();
+        }
+        (values, slopes)
+    };
+    // Weights from the model linearised at its start, which leaves little of the effect among the errors.
+    let (values, slopes) = model(&theta);
+    let mut shifted = data.clone();
+    shifted.y.iter_mut().zip(&values).for_each(|(y, v)| *y -= v);
+    let mut columns = base.to_vec();
+    columns.extend(slopes);
+    let weights = robust_fit(&shifted, &columns).weights;
+    let frame = Frame::weighted(data, base, weights);
+    let projected = |mut column: Vec<f64>| {
+        frame.weights.whiten(data, &mut column);
+        frame.basis.residual(frame.basis.residual(column))
+    };
+    let error_of = |values: Vec<f64>| -> Vec<f64> {
+        projected(values).iter().zip(&frame.error).map(|(v, e)| e - v).collect()
+    };
+    let mut damping = 1e-3;
+    let (values, mut slopes) = model(&theta);
+    let mut error = error_of(values);
+    let mut cost = dot(&error, &error);
+    for _ in 0..TURNS {
+        let jacobian: Vec<Vec<f64>> = slopes.iter().map(|s| projected(s.clone())).collect();
+        let n = theta.len();
+        let mut normal: Vec<f64> = (0..n * n).map(|at| dot(&jacobian[at / n], &jacobian[at % n])).collect();
+        for i in 0..n {
+            normal[i * n + i] *= 1.0 + damping;
+        }
+        let right: Vec<f64> = jacobian.iter().map(|j| dot(j, &error)).collect();
+        let Some(step) = solve_positive(&normal, &right) else { break };
+        let trial: Vec<f64> = theta.iter().zip(&step).map(|(t, s)| t + s).collect();
+        let (values, next) = model(&trial);
+        let next_error = error_of(values);
+        let next_cost = dot(&next_error, &next_error);
+        if next_cost.is_finite() && next_cost <= cost {
+            let done = cost - next_cost <= 1e-12 * cost;
+            (theta, slopes, error, cost) = (trial, next, next_error, next_cost);
+            damping = (damping * 0.2).max(1e-12);
+            if done {
+                break;
+            }
+        } else {
+            damping *= 10.0;
+            if damping > 1e12 {
+                break;
+            }
+        }
+    }
+    theta
+}

@@ -1,0 +1,183 @@
+//! Hidden effects in campaigns of points are found, and nothing is found in noise.
+
+mod common;
+
+use common::{ARCSEC, Campaign, Point, setup};
+use glam::DVec2;
+use retina_diagnosis::{DiagnoseOptions, Diagnosis, Verdict, diagnose};
+
+type Effect = Box<dyn Fn(&Point) -> DVec2>;
+
+/// Every effect by its physics; `s` is about its largest displacement in arcsec.
+fn physical(id: &str, s: f64) -> Effect {
+    let a = s * ARCSEC;
+    // Half the camera's width on the tangent plane, 8.05 deg.
+    let half = 0.1413f64;
+    match id {
+        // A plane that is turned: x / (1 + tilt . x).
+        "screen_tilt" | "camera_pointing" => {
+            let tilt = DVec2::new(0.8, -0.6) * a / (half * half);
+            Box::new(move |p| p.r / (1.0 + tilt.dot(p.r)))
+        }
+        // The lens's k1 about a point beside the boresight.
+        "decentering" | "optical_centre" => {
+            let offset = DVec2::new(0.6, 0.8) * a / (3.0 * 0.35 * half * half);
+            Box::new(move |p| {
+                let d = p.r - offset;
+                p.r + 0.35 * (d * d.length_squared() - p.r * p.r.length_squared())
+            })
+        }
+        "thin_prism" => {
+            Box::new(move |p| p.r + DVec2::new(0.5, 0.8) * a * p.r.length_squared() / (half * half))
+        }
+        // Equidistant beside tangent law: tan -> angle has all odd orders.
+        "radial_higher_order" => Box::new(move |p| {
+            let u = p.r.length() / half;
+            p.r + p.r.normalize_or_zero() * a * (u.powi(5) - 0.2 * u.powi(7))
+        }),
+        // Depth of a saddle times the slope of the ray.
+        "screen_bow" => Box::new(move |p| {
+            let u = p.r / half;
+            p.r + u * a * (u.x * u.x - u.y * u.y + 0.7 * u.x * u.y)
+        }),
+        // Coma whose share of the light saturates with brightness.
+        "flux_coma" => Box::new(move |p| p.r + p.r / half * a * (p.f / (p.f + 0.15) - 0.5) * 2.0),
+        "flux_shift" => {
+            Box::new(move |p| p.r + DVec2::new(0.8, 0.6) * a * ((p.f / (p.f + 0.1)).powf(0.7) - 0.5))
+        }
+        "background_gradient" => Box::new(move |p| p.r + DVec2::new(0.3, -0.95) * a * 0.003 / p.f),
+        "lateral_colour" => Box::new(move |p| p.r * (1.0 + a / half * [-1.0, 0.0, 0.7, 0.0][p.channel])),
+        "colour_wedge" => {
+            Box::new(move |p| p.r + DVec2::new(0.4, 0.9) * a * [-1.0, 0.0, 0.8, 0.0][p.channel])
+        }
+        "subpixel_offset" => Box::new(move |p| p.r + DVec2::X * a * [-1.0, 0.0, 1.0, 0.0][p.channel]),
+        "thermal_boresight" => {
+            Box::new(move |p| p.r + DVec2::new(0.7, 0.7) * a * (p.temperature_c - 20.0) / 2.0)
+        }
+        "thermal_focal" => Box::new(move |p| p.r * (1.0 + a / half * (p.temperature_c - 20.0) / 2.0)),
+        "drift" => Box::new(move |p| p.r + DVec2::new(-0.6, 0.8) * a * p.time_s / 3600.0),
+        "roll_drift" => Box::new(move |p| DVec2::from_angle(a / half * p.time_s / 3600.0).rotate(p.r)),
+        "knock" => Box::new(move |p| p.r + DVec2::new(0.9, 0.4) * a * f64::from(u8::from(p.exposure >= 23))),
+        // The S-curve of a window centroid.
+        "camera_pixel_phase" => Box::new(move |p| {
+            let s = (p.camera_px * std::f64::consts::TAU).map(|v: f64| v.sin() + 0.15 * (2.0 * v).sin());
+            p.r + a * s
+        }),
+        // A three-pixel split that is coarser at low counts.
+        "screen_pixel_phase" => Box::new(move |p| {
+            let s = (p.screen_px * std::f64::consts::TAU).map(f64::sin);
+            p.r + a * s * 18.0 / p.count
+        }),
+        "row_loading_shift" => Box::new(move |p| p.r + DVec2::new(0.2, 1.0) * a * p.row_load),
+        _ => panic!("{id}"),
+    }
+}
+
+const ALL: [&str; 21] = [
+    "screen_tilt",
+    "camera_pointing",
+    "decentering",
+    "optical_centre",
+    "thin_prism",
+    "radial_higher_order",
+    "screen_bow",
+    "flux_coma",
+    "flux_shift",
+    "background_gradient",
+    "lateral_colour",
+    "colour_wedge",
+    "subpixel_offset",
+    "thermal_boresight",
+    "thermal_focal",
+    "drift",
+    "roll_drift",
+    "knock",
+    "camera_pixel_phase",
+    "screen_pixel_phase",
+    "row_loading_shift",
+];
+
+fn run(id: &str, s: f64, seed: u64) -> Diagnosis {
+    let mut campaign = Campaign::new(seed);
+    campaign.colours = ["lateral_colour", "colour_wedge", "subpixel_offset"].contains(&id);
+    let data = campaign.data(&setup(), &*physical(id, s));
+    diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 })
+}
+
+/// Every effect of the catalogue, strong (20 arcsec, noise 1.5) and moderate (4 arcsec): named, or in the set.
+#[test]
+fn each_effect_is_named_or_in_the_set() {
+    let mut wrong = Vec::new();
+    for (k, id) in ALL.into_iter().enumerate() {
+        // A centroid that is off by most of a pixel is no centroid: its bias is a few hundredths of one.
+        for s in if id == "camera_pixel_phase" { [3.0, 1.4] } else { [20.0, 4.0] } {
+            let found = run(id, s, 100 + k as u64);
+            println!(
+                "{id:20} {s:4} {:10} accepted {:?} set {:?} unexplained {:?} p {:.3} steps {:?}",
+                found.verdict.name(),
+                found.accepted,
+                found.indistinguishable,
+                found.unexplained.covariates,
+                found.unexplained.p_value,
+                found.steps.iter().map(|s| (s.1 * 1e3).round() / 1e3).collect::<Vec<_>>()
+            );
+            let good = found.indistinguishable.contains(&id)
+                && found.accepted.len() == 1
+                && matches!(found.verdict, Verdict::Named | Verdict::Confounded);
+            if !good {
+                wrong.push(format!("{id} {s}"));
+            }
+        }
+    }
+    // The screens' own level is 1 % a campaign: of 42 campaigns two are wrong by chance in 6 %, three in 1 %.
+    assert!(wrong.len() <= 2, "{wrong:?}");
+}
+
+/// False alarms on noise with common shifts and outliers: at most 5 of 100.
+#[test]
+fn noise_is_adequate() {
+    let alarms: Vec<String> = (0..100)
+        .filter_map(|seed| {
+            let mut campaign = Campaign::new(1000 + seed);
+            campaign.rows = 800;
+            campaign.jitter_arcsec = [0.0, 0.45, 1.5][seed as usize % 3];
+            let data = campaign.data(&setup(), &|p| p.r);
+            let found = diagnose(&data, &[], &DiagnoseOptions { flips: 499, seed: 1 });
+            (found.verdict != Verdict::Adequate)
+                .then(|| format!("{seed} {:?} {:?}", found.accepted, found.unexplained))
+        })
+        .collect();
+    println!("{} alarms: {alarms:?}", alarms.len());
+    assert!(alarms.len() <= 5, "{alarms:?}");
+}
+
+/// A keystone term that changes at once is no tilt of the screen.
+#[test]
+fn a_step_of_a_keystone_is_no_tilt() {
+    for seed in 0..5 {
+        let tilt = DVec2::new(0.8, -0.6) * 8.0 * ARCSEC / (0.1413 * 0.1413);
+        let effect = move |p: &Point| if p.exposure >= 17 { p.r / (1.0 + tilt.dot(p.r)) } else { p.r };
+        let data = Campaign::new(50 + seed).data(&setup(), &effect);
+        let found = diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 });
+        let by_time = found.unexplained.covariates.iter().any(|c| c == "time_s");
+        assert!(
+            found.accepted == ["knock"] || (found.verdict == Verdict::Unknown && by_time),
+            "{:?} {:?}",
+            found.accepted,
+            found.unexplained
+        );
+        assert!(!found.accepted.contains(&"screen_tilt"));
+    }
+}
+
+/// Identical columns come out together, and a roll of the camera is what tells them apart.
+#[test]
+fn a_confounded_pair_is_reported_with_what_separates_it() {
+    let found = run("screen_tilt", 8.0, 7);
+    assert_eq!(found.verdict, Verdict::Confounded);
+    assert!(["screen_tilt", "camera_pointing"].iter().all(|id| found.indistinguishable.contains(id)));
+    let next = found.next.unwrap();
+    assert_eq!(next.action, "camera_roll");
+    assert!(next.separates.contains(&"screen_tilt") && next.separates.contains(&"camera_pointing"));
+    assert!(next.expected_sigma.unwrap() > 5.0, "{:?}", next.expected_sigma);
+}

@@ -1,0 +1,125 @@
+//! Power and phase tables, and a user's formula.
+
+mod common;
+
+use std::fmt::Write as _;
+
+use common::{ARCSEC, Campaign, dataset, setup};
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution as _, StandardNormal};
+use retina_diagnosis::{AddedEffect, DiagnoseOptions, Verdict, diagnose, fit};
+
+fn normal(random: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(random)
+}
+
+/// Readings of lit squares: an effect is what the meter shows for true relative light and its setting.
+fn power(seed: u64, meter: &dyn Fn(f64, f64, f64, &str) -> f64) -> String {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut text = String::from("channel,digital_count,square_px,irradiance_w_m2,series\n");
+    for series in 0..24 {
+        for channel in ["r", "g", "b", "w"] {
+            for count in [24.0f64, 48.0, 96.0, 160.0, 255.0] {
+                let side = [20.0, 60.0, 100.0, 200.0][(series + count as usize) % 4];
+                let share = if channel == "w" { 1.0 } else { 1.0 / 3.0 };
+                let light = side * side * share * (count / 255.0).powf(2.2);
+                let shown = meter(light, side, count, channel) * 2.1e-9;
+                let value = shown * (1.0 + 0.004 * normal(&mut random));
+                let _ = writeln!(text, "{channel},{count},{side},{value:e},s{series}");
+            }
+        }
+    }
+    text
+}
+
+/// Laws of a display and a meter, not their first orders.
+#[test]
+fn effects_on_power_are_named_or_in_the_set() {
+    type Meter = fn(f64, f64, f64, &str) -> f64;
+    let cases: [(&str, Meter); 6] = [
+        ("gamma", |light, _, count, _| light * (count / 255.0f64).powf(0.06)),
+        ("meter_zero", |light, _, _, _| light + 0.02),
+        ("meter_nonlinearity", |light, _, _, _| light / (1.0 - light / 2e6)),
+        ("channel_nonadditivity", |light, _, _, channel| light * if channel == "w" { 0.985 } else { 1.0 }),
+        ("meter_wavelength", |light, _, _, channel| {
+            // White is a third of each.
+            light * [("b", 1.03), ("w", 1.01)].iter().find(|(c, _)| *c == channel).map_or(1.0, |(_, f)| *f)
+        }),
+        ("black_level", |light, side, _, _| light + 6e-5 * side * side),
+    ];
+    let setup = setup();
+    for (id, meter) in cases {
+        let data = dataset(&setup, &power(5, &meter));
+        let found = diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 });
+        println!(
+            "{id:22} {} {:?} {:?} {:?}",
+            found.verdict.name(),
+            found.accepted,
+            found.indistinguishable,
+            found.unexplained
+        );
+        assert!(found.indistinguishable.contains(&id), "{id}: {:?} {:?}", found.accepted, found.unexplained);
+    }
+    let data = dataset(&setup, &power(6, &|light, _, _, _| light));
+    assert_eq!(diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 }).verdict, Verdict::Adequate);
+}
+
+/// Allen's law of the Moon, V = -12.73 + 0.026 |a| + 4e-9 a^4 (deg), is no Lambert sphere: a phase function is missing.
+#[test]
+fn the_moons_phase_law_is_a_phase_function() {
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let mut text = String::from("phase_deg,magnitude,night\n");
+    for night in 0..60 {
+        for _ in 0..5 {
+            let a = -118.0 + 4.0 * f64::from(night) + normal(&mut random);
+            let v = -12.73 + 0.026 * a.abs() + 4e-9 * a.powi(4) + 0.03 * normal(&mut random);
+            let _ = writeln!(text, "{a:.3},{v:.4},n{night}");
+        }
+    }
+    let data = dataset(&setup(), &text);
+    let found = diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 });
+    println!(
+        "{} {:?} {:?} {:?}",
+        found.verdict.name(),
+        found.accepted,
+        found.indistinguishable,
+        found.unexplained
+    );
+    assert_eq!(found.accepted.first(), Some(&"phase_function"));
+    // The ladder ends near the noise that was put on.
+    assert!(found.steps.last().unwrap().1 < 0.04, "{:?}", found.steps);
+}
+
+/// Parameters of a formula come back within their standard deviations, and errors point at the character.
+#[test]
+fn a_formula_is_fitted() {
+    let setup = setup();
+    let data =
+        Campaign::new(9).data(&setup, &|p| p.r * (1.0 + 12.0 * ARCSEC / 0.1413 * (-p.time_s / 900.0).exp()));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("settling.toml");
+    let text = |dx: &str| {
+        format!(
+            "name = \"settling\"\nunit = \"arcsec\"\ndx = \"{dx}\"\ndy = \"a * y * exp(-time_s / tau)\"\n[parameters]\na = {{ start = 3.0, unit = \"arcsec\" }}\ntau = {{ start = 500.0, unit = \"s\" }}\n"
+        )
+    };
+    std::fs::write(&path, text("a * x * exp(-time_s / tau)")).unwrap();
+    let effect = AddedEffect::read(path.to_str().unwrap(), &data).unwrap();
+    let result = fit(&data, &[effect]).unwrap();
+    for (name, truth) in [("settling.a", 12.0), ("settling.tau", 900.0)] {
+        let p = result.parameters.iter().find(|p| p.name == name).unwrap();
+        let sigma = p.sigma.unwrap();
+        println!("{name} {} +- {sigma}", p.value);
+        // Half the camera's width is 0.1413 to four digits; 4 sigma is once in 16 000.
+        assert!((p.value - truth).abs() < 4.0 * sigma && sigma < 0.1 * truth, "{name} {} {sigma}", p.value);
+    }
+    std::fs::write(&path, text("a * xs")).unwrap();
+    let error = AddedEffect::read(path.to_str().unwrap(), &data).err().unwrap();
+    let snippet = error.snippet.clone().unwrap();
+    assert_eq!(&snippet.text[snippet.offset..snippet.offset + snippet.length], "xs");
+    assert!(error.to_string().contains("line 3, column 11"), "{error}");
+    std::fs::write(&path, text("a * x + 0 * tau / (x - x)")).unwrap();
+    let effect = AddedEffect::read(path.to_str().unwrap(), &data).unwrap();
+    assert!(fit(&data, &[effect]).err().unwrap().to_string().contains("not finite"));
+}
