@@ -5,7 +5,7 @@
 
 /// Highest radial order.
 pub(super) const DEGREE: usize = 9;
-/// Number of polynomials: all orders up to [`DEGREE`] without piston.
+/// Number of polynomials: all orders up to the ninth without piston.
 pub const WAVEFRONT_TERMS: usize = (DEGREE + 1) * (DEGREE + 2) / 2 - 1;
 
 /// Order and signed frequency of each term: the tilts along x and y first. Positive frequencies are
