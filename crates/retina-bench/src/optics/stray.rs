@@ -5,6 +5,7 @@
 //! of the pencil's radius over g. Both figures are traced: a chief ray off the axis and the pencil on it.
 
 use glam::DVec2;
+use rayon::prelude::*;
 use retina_geometry::Setup;
 use retina_optics::analysis::ghosts;
 use retina_optics::{Clipping, Launcher, OpticalSystem, Tracer};
@@ -16,6 +17,8 @@ use crate::BenchError;
 const WIDEST: f64 = 0.5;
 /// Cell of the grid on which ghosts are laid, pixels: they are smooth.
 const CELL_PX: usize = 8;
+/// Ghosts that make less than this in any pixel are not laid, electrons.
+const NEGLIGIBLE_E: f64 = 0.02;
 /// A tangent at which the ghosts' chief rays are traced.
 const CHIEF_TAN: f64 = 0.02;
 
@@ -78,7 +81,14 @@ impl Ghosts {
         sources: &[Source],
     ) {
         let total: f64 = sources.iter().map(|source| source.electrons).sum();
-        let even = (total * self.glare / (width * height) as f64) as f32;
+        let mut even = total * self.glare / (width * height) as f64;
+        // All light in one place would make this of a ghost; below it a ghost is as good as glare.
+        let counts = |ghost: &&Ghost| {
+            total * ghost.share / (std::f64::consts::PI * ghost.radius_px.max(1.0).powi(2)) > NEGLIGIBLE_E
+        };
+        let faint = self.ghosts.iter().filter(|ghost| !counts(ghost)).map(|ghost| ghost.share).sum::<f64>();
+        even += total * faint / (width * height) as f64;
+        let even = even as f32;
         let cells = [width.div_ceil(CELL_PX), height.div_ceil(CELL_PX)];
         let centre = DVec2::new(camera.pinhole.cx_px, camera.pinhole.cy_px);
         // Sources on the coarse grid once; each ghost lays the lit cells.
@@ -94,7 +104,7 @@ impl Ghosts {
             }
         }
         let mut stray = vec![even; cells[0] * cells[1]];
-        for ghost in &self.ghosts {
+        let lay = |ghost: &Ghost| {
             let mut laid = vec![0f64; cells[0] * cells[1]];
             for (cell, &electrons) in lit.iter().enumerate().filter(|(_, electrons)| **electrons > 0.0) {
                 let at = DVec2::new((cell % cells[0]) as f64 + 0.5, (cell / cells[0]) as f64 + 0.5)
@@ -104,9 +114,18 @@ impl Ghosts {
                 }
             }
             spread(&mut laid, cells, ghost.radius_px / CELL_PX as f64);
+            laid
+        };
+        // Added in their order, so that sums do not depend on threads.
+        let kept: Vec<&Ghost> = self.ghosts.iter().filter(counts).collect();
+        for laid in kept.par_iter().map(|ghost| lay(ghost)).collect::<Vec<_>>() {
             stray.iter_mut().zip(laid).for_each(|(sum, value)| *sum += value as f32);
         }
-        for (y, row) in image.chunks_exact_mut(width).enumerate() {
+        if kept.is_empty() {
+            image.iter_mut().for_each(|value| *value += even);
+            return;
+        }
+        image.par_chunks_exact_mut(width).enumerate().for_each(|(y, row)| {
             let v = ((y as f32 + 0.5) / CELL_PX as f32 - 0.5).clamp(0.0, (cells[1] - 1) as f32);
             let j = (v as usize).min(cells[1].saturating_sub(2));
             let below = (j + 1).min(cells[1] - 1);
@@ -119,7 +138,7 @@ impl Ghosts {
                 let line = |j: usize| stray[j * cells[0] + i] * (1.0 - fx) + stray[j * cells[0] + right] * fx;
                 *value += line(j) * (1.0 - fy) + line(below) * fy;
             }
-        }
+        });
     }
 }
 
