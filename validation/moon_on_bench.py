@@ -4,7 +4,7 @@ Calibrates the narrow bench from a campaign of its own, renders frames of the de
 distortion compensated beforehand (upstream) and once without, photographs both, corrects the second afterwards
 (downstream), and measures the lit limb of each against that of the ideal radiance, blurred like the photograph.
 
-    python validation/moon_on_bench.py --retina target/release/retina --out /tmp/moon-on-bench
+    python validation/moon_on_bench.py --retina target/release/retina
 """
 
 import argparse
@@ -95,7 +95,7 @@ def blur_of(photo, ideal):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--retina", default=ROOT / "target/release/retina")
-    parser.add_argument("--out", type=Path, default=Path("/tmp/moon-on-bench"))
+    parser.add_argument("--out", type=Path, default=ROOT / "out/moon-on-bench")
     parser.add_argument("--every", type=int, default=900)
     arguments = parser.parse_args()
     out, retina = arguments.out, arguments.retina
