@@ -2,5 +2,9 @@
 //!
 //! - [`geometry`]: calibration patterns, their recognition in camera images, and the mapping between lines of sight
 //!   and the screen (paper, "Geometric calibration").
+//! - [`NoiseGroups`]: noise that depends on brightness.
 
+mod brightness;
 pub mod geometry;
+
+pub use brightness::NoiseGroups;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use retina_bench::{BenchError, Exposure, OpticsDetail, ScreenImage};
-use retina_files::{InputError, write_atomic};
+use retina_files::{InputError, hash_bytes, hash_file, write_atomic};
 
 use crate::points::{camera_image, make_folder};
 use crate::{Facility, TemperatureProfile};
@@ -66,11 +66,23 @@ fn read_screen(path: &Path) -> Result<ScreenImage, InputError> {
     Ok(ScreenImage { width_px, height_px, counts: rgb.pixels().map(|pixel| pixel.0).collect() })
 }
 
+/// What decides an image besides its screen and its number: a folder of images is finished by the same only.
+const MADE_FROM: &str = "images/made-from.txt";
+
+fn made_from(facility: &Facility, options: &FramesOptions, files: &[PathBuf]) -> Result<String, InputError> {
+    let mut text = format!("{facility:?}\n{options:?}\n");
+    for file in files {
+        text.push_str(&hash_file(file)?);
+    }
+    Ok(format!("{}\n", hash_bytes(text.as_bytes())))
+}
+
 /// Photographs each screen image: `out/images/NAME.png` and `out/frames.csv`, which names the linear EXR
-/// beside a rendered screen image where there is one. Images that are there already are kept.
+/// beside a rendered screen image where there is one. Images that an interrupted run of the same left are kept.
 ///
 /// # Errors
-/// A file that does not fit or cannot be written; the bench cannot be built.
+/// A file that does not fit or cannot be written; the bench cannot be built; the folder holds images that were made
+/// from something else.
 pub fn simulate_frames(
     facility: &Facility,
     options: &FramesOptions,
@@ -80,6 +92,16 @@ pub fn simulate_frames(
     let files = screens_of(&options.screens)?;
     let images = out.join("images");
     make_folder(&images)?;
+    let (mark, own) = (out.join(MADE_FROM), made_from(facility, options, &files)?);
+    let others =
+        if mark.exists() { retina_files::read_text(&mark)? != own } else { screens_of(&images).is_ok() };
+    if others {
+        return Err(InputError::new(&images, "holds images that were made from something else")
+            .help("give --out another folder, or empty this one")
+            .into());
+    }
+    write_atomic(&mark, own.as_bytes())
+        .map_err(|error| InputError::new(&mark, format!("cannot be written: {error}")))?;
     let bench = facility.bench(options.detail)?;
     let exposure_s = match options.exposure_s {
         Some(exposure_s) => exposure_s,

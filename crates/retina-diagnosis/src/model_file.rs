@@ -35,22 +35,12 @@ pub fn write_model(
         .expected("a table of points")
         .help("leave out --out; --json and --predictions hold the fit"));
     }
-    const STATIC: [&str; 10] = [
-        "screen_tilt",
-        "camera_pointing",
-        "decentering",
-        "optical_centre",
-        "thin_prism",
-        "radial_higher_order",
-        "screen_bow",
-        "flux_coma",
-        "flux_shift",
-        "background_gradient",
-    ];
-    if let Some(other) =
-        added.iter().find(|e| matches!(e, AddedEffect::Catalogued(c) if !STATIC.contains(&c.id)))
-    {
+    // What a calibration's polynomials are over.
+    const HELD: [&str; 7] = ["x", "y", "r", "log10_irradiance", "L", "F", "digital_count"];
+    let beyond = |effect: &AddedEffect| effect.columns().into_iter().any(|column| !HELD.contains(&column));
+    if let Some(other) = added.iter().find(|effect| beyond(effect)) {
         return Err(InputError::new(path, format!("a calibration cannot hold `{}`", other.name()))
+            .found(format!("it depends on {}", other.columns().join(", ")))
             .expected("effects of the place in the field and of the irradiance")
             .help("leave that effect out of the model file; --predictions holds it"));
     }

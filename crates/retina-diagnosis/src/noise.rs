@@ -1,5 +1,7 @@
 //! Weights: noise as a function of brightness, a common error of each group, outliers.
 
+use retina_calibration::NoiseGroups;
+
 use crate::data::Dataset;
 use crate::linear::{Basis, dot};
 
@@ -183,8 +185,13 @@ impl Weights {
             }
         }
         let free = columns + n * shifts.iter().filter(|s| **s != [0.0; 2]).count();
-        self.sigma =
-            sigmas(&data.noise_key, &length, &self.outlier, free as f64 / n as f64, MEDIAN_LENGTH[n - 1]);
+        let groups = NoiseGroups {
+            rows: 120,
+            fitted: free as f64 / n as f64,
+            median_of_normal: MEDIAN_LENGTH[n - 1],
+            least: 1e-9,
+        };
+        self.sigma = groups.sigmas(&data.noise_key, &length, &self.outlier);
         for row in 0..length.len() {
             let t = length[row] / self.sigma[row];
             self.outlier[row] = t > OUTLIER_SIGMAS;
@@ -236,36 +243,4 @@ impl Weights {
         let variance = self.jitter_variance;
         means.iter().map(|(sum, mean)| mean.map(|m| m * variance * sum / (1.0 + variance * sum))).collect()
     }
-}
-
-/// Standard deviation of each row: medians of lengths in groups of like brightness, log-linear in between.
-fn sigmas(key: &[f64], length: &[f64], outlier: &[bool], free: f64, median_length: f64) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..key.len()).filter(|&i| !outlier[i]).collect();
-    order.sort_by(|&a, &b| key[a].total_cmp(&key[b]));
-    let left = (order.len() as f64 - free).max(1.0);
-    let correction = (order.len() as f64 / left).sqrt();
-    let bins = (order.len() / 120).clamp(1, 16);
-    let nodes: Vec<(f64, f64)> = (0..bins)
-        .map(|bin| {
-            let members = &order[bin * order.len() / bins..(bin + 1) * order.len() / bins];
-            let mut lengths: Vec<f64> = members.iter().map(|&i| length[i]).collect();
-            let middle = lengths.len() / 2;
-            let median = *lengths.select_nth_unstable_by(middle, f64::total_cmp).1;
-            let mean = members.iter().map(|&i| key[i]).sum::<f64>() / members.len() as f64;
-            // Exact data have no noise; the bound keeps weights finite.
-            (mean, (correction * median / median_length).max(1e-9).ln())
-        })
-        .collect();
-    key.iter().map(|&k| interpolated(&nodes, k).exp()).collect()
-}
-
-/// Linear between nodes, level beyond them.
-fn interpolated(nodes: &[(f64, f64)], at: f64) -> f64 {
-    let next = nodes.partition_point(|node| node.0 < at);
-    if next == 0 {
-        return nodes[0].1;
-    }
-    let Some(&(x1, y1)) = nodes.get(next) else { return nodes[nodes.len() - 1].1 };
-    let (x0, y0) = nodes[next - 1];
-    if x1 > x0 { y0 + (at - x0) / (x1 - x0) * (y1 - y0) } else { y1 }
 }

@@ -88,6 +88,17 @@ impl AddedEffect {
             Self::User(effect) => &effect.name,
         }
     }
+
+    /// The columns it depends on.
+    pub(crate) fn columns(&self) -> Vec<&str> {
+        match self {
+            Self::Catalogued(effect) => effect.covariates.to_vec(),
+            Self::User(effect) => {
+                let read = effect.formulas.iter().flat_map(Formula::columns);
+                read.map(|index| effect.columns[index].as_str()).collect()
+            }
+        }
+    }
 }
 
 impl UserEffect {

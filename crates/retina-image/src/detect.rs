@@ -308,8 +308,7 @@ fn measure(
 ) -> Option<LightPoint> {
     let start = peak.centre.map(|c| c as f64 + 0.5);
     let spot_sigma_px = widths.at_px(start);
-    let near = |at: &&[usize; 2]| (0..2).all(|k| at[k].abs_diff(peak.centre[k]) < 32);
-    let skip: Vec<[usize; 2]> = hot.iter().filter(near).copied().collect();
+    let skip = near(hot, peak.centre);
     let weight = spot_sigma_px * WEIGHT_RATIO.sqrt();
     let window = centroid::windowed(image, background, start, spot_sigma_px, weight, &skip)?;
     let noise = background.noise_dn(start[0], start[1]);
@@ -347,6 +346,11 @@ fn measure(
         point.sigma_px = (0.5 * (variance[0] + variance[1])).sqrt();
     }
     Some(point)
+}
+
+/// The hot pixels that a window about a place can hold: it asks of each of its pixels whether it is one.
+pub(crate) fn near(hot: &[[usize; 2]], centre: [usize; 2]) -> Vec<[usize; 2]> {
+    hot.iter().filter(|at| (0..2).all(|k| at[k].abs_diff(centre[k]) < 32)).copied().collect()
 }
 
 /// Marks points with a neighbour of at least a hundredth of their light within reach.

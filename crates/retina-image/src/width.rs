@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::centroid::{self, WEIGHT_RATIO};
-use crate::detect::{FIRST_SPOT_SIGMA_PX, Peak, shape};
+use crate::detect::{FIRST_SPOT_SIGMA_PX, Peak, near, shape};
 use crate::{Background, CameraImage};
 
 /// Most spots whose width is measured, the brightest ones.
@@ -50,7 +50,7 @@ impl WidthMap {
             .with_min_len(16)
             .filter_map(|peak| {
                 let start = peak.centre.map(|c| c as f64 + 0.5);
-                let (at, sigma) = own_width(image, background, start, hot)?;
+                let (at, sigma) = own_width(image, background, start, &near(hot, peak.centre))?;
                 Some((at, sigma.ln()))
             })
             .collect();

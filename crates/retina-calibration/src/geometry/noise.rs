@@ -3,12 +3,15 @@
 use glam::DVec2;
 
 use super::observations::Observations;
+use crate::NoiseGroups;
 
 /// Points further off than this many sigmas of one axis are outliers; a two-dimensional normal
 /// error is so with exp(-4.5^2 / 2) = 4e-5.
 const OUTLIER_SIGMAS: f64 = 4.5;
 /// Median of the length of a two-dimensional normal error, in sigmas of one axis: sqrt(2 ln 2).
 const MEDIAN_LENGTH: f64 = 1.177_41;
+/// 1e-6 arcsec, rad: exact data have no noise, and weights must stay finite.
+const LEAST_SIGMA: f64 = 5e-12;
 /// Huber's and Tukey's tuning constants for lengths in the plane: 95 % efficiency at the normal distribution.
 const HUBER: f64 = 1.7;
 const TUKEY: f64 = 5.1;
@@ -49,7 +52,8 @@ impl Weights {
     pub(crate) fn crude(residuals: &[DVec2]) -> Self {
         let mut lengths: Vec<f64> = residuals.iter().map(|r| r.length()).collect();
         let middle = lengths.len() / 2;
-        let sigma = (*lengths.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN_LENGTH).max(5e-12);
+        let sigma =
+            (*lengths.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN_LENGTH).max(LEAST_SIGMA);
         let outlier: Vec<bool> = residuals.iter().map(|r| r.length() > 6.0 * sigma).collect();
         let inverse_variance =
             outlier.iter().map(|&out| if out { 0.0 } else { 1.0 / (sigma * sigma) }).collect();
@@ -81,7 +85,13 @@ impl Weights {
                 residuals[range.clone()].iter().map(move |r| (*r - *shift).length())
             })
             .collect();
-        self.sigma = sigmas(&observations.noise_key, &length, &self.outlier, columns + shifts.len());
+        let groups = NoiseGroups {
+            rows: 200,
+            fitted: (columns + shifts.len()) as f64,
+            median_of_normal: MEDIAN_LENGTH,
+            least: LEAST_SIGMA,
+        };
+        self.sigma = groups.sigmas(&observations.noise_key, &length, &self.outlier);
         for i in 0..length.len() {
             let t = length[i] / self.sigma[i];
             self.outlier[i] = t > OUTLIER_SIGMAS;
@@ -123,39 +133,4 @@ impl Weights {
         let variance = self.jitter_variance;
         means.iter().map(|(sum, mean)| *mean * (variance * sum / (1.0 + variance * sum))).collect()
     }
-}
-
-/// Standard deviation per axis of each point: medians of the residuals' lengths over groups of equal brightness,
-/// log-linear in between.
-fn sigmas(key: &[f64], length: &[f64], outlier: &[bool], columns: usize) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..key.len()).filter(|&i| !outlier[i]).collect();
-    if order.is_empty() {
-        order = (0..key.len()).collect();
-    }
-    order.sort_by(|&a, &b| key[a].total_cmp(&key[b]));
-    let free = (order.len() as f64 / (order.len() as f64 - columns as f64).max(1.0)).sqrt();
-    let groups = (order.len() / 200).clamp(1, 16);
-    let nodes: Vec<(f64, f64)> = (0..groups)
-        .map(|group| {
-            let members = &order[group * order.len() / groups..(group + 1) * order.len() / groups];
-            let mut lengths: Vec<f64> = members.iter().map(|&i| length[i]).collect();
-            let middle = lengths.len() / 2;
-            let median = *lengths.select_nth_unstable_by(middle, f64::total_cmp).1;
-            let mean_key = members.iter().map(|&i| key[i]).sum::<f64>() / members.len() as f64;
-            // Exact data have no noise; 1e-6 arcsec keeps the weights finite.
-            (mean_key, (free * median / MEDIAN_LENGTH).max(5e-12).ln())
-        })
-        .collect();
-    key.iter().map(|&k| interpolate(&nodes, k).exp()).collect()
-}
-
-/// Linear between nodes, level beyond them.
-fn interpolate(nodes: &[(f64, f64)], at: f64) -> f64 {
-    let next = nodes.partition_point(|node| node.0 < at);
-    if next == 0 {
-        return nodes[0].1;
-    }
-    let Some(&(x1, y1)) = nodes.get(next) else { return nodes[nodes.len() - 1].1 };
-    let (x0, y0) = nodes[next - 1];
-    if x1 > x0 { y0 + (at - x0) / (x1 - x0) * (y1 - y0) } else { y1 }
 }

@@ -1,6 +1,24 @@
 //! The catalogue: physical effects with their columns. An id never changes its meaning.
 
+/// An entry of a table: kind, id, formula, source, columns, plausible size, class, what separates it, its forms.
+macro_rules! effect {
+    ($kind:ident, $id:literal, $formula:literal, $source:expr, $columns:expr, $plausible:literal, $class:expr, $separated:expr, $build:expr $(,)?) => {
+        Effect {
+            id: $id,
+            kind: TableKind::$kind,
+            formula: $formula,
+            source: $source,
+            covariates: $columns,
+            plausible: $plausible,
+            class: $class,
+            separated_by: $separated,
+            build: $build,
+        }
+    };
+}
+
 mod phase;
+mod point_forms;
 mod points;
 mod power;
 

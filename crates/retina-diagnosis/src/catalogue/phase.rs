@@ -4,24 +4,9 @@ use crate::data::{Dataset, TableKind, Term};
 
 use super::{Effect, Variant, need, plain};
 
-macro_rules! effect {
-    ($id:literal, $formula:literal, $source:literal, $columns:expr, $plausible:literal, $class:expr, $separated:expr, $build:expr) => {
-        Effect {
-            id: $id,
-            kind: TableKind::Phase,
-            formula: $formula,
-            source: $source,
-            covariates: $columns,
-            plausible: $plausible,
-            class: $class,
-            separated_by: $separated,
-            build: $build,
-        }
-    };
-}
-
 pub(super) const EFFECTS: &[Effect] = &[
     effect!(
+        Phase,
         "lommel_seeliger",
         "a (m_LS - m_Lambert), a = 1 where the law is Lommel-Seeliger's",
         "H. Seeliger 1887; B. Hapke, Theory of Reflectance and Emittance Spectroscopy, 2nd ed., sec. 6.9",
@@ -32,6 +17,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         lommel_seeliger
     ),
     effect!(
+        Phase,
         "phase_function",
         "a |phase|, and its square and cube",
         "C. W. Allen, Astrophysical Quantities, 3rd ed., sec. 66",
@@ -42,6 +28,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         phase_function
     ),
     effect!(
+        Phase,
         "opposition_surge",
         "-a exp(-|phase| / h)",
         "B. Hapke, Icarus 67, 1986",
@@ -52,6 +39,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         surge
     ),
     effect!(
+        Phase,
         "roughness",
         "a tan^2(|phase| / 2), which grows beyond 60 deg",
         "B. Hapke, Icarus 59, 1984",
@@ -62,6 +50,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         roughness
     ),
     effect!(
+        Phase,
         "waxing_waning",
         "a phase + b phase^3",
         "maria on one side; Allen",
@@ -72,6 +61,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         waxing
     ),
     effect!(
+        Phase,
         "extinction",
         "k X",
         "Bouguer's law",

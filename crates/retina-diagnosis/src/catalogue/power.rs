@@ -4,24 +4,9 @@ use crate::data::{Dataset, TableKind, Term};
 
 use super::{Effect, Variant, need, plain, to_unit};
 
-macro_rules! effect {
-    ($id:literal, $formula:literal, $source:literal, $columns:expr, $plausible:literal, $class:expr, $separated:expr, $build:expr) => {
-        Effect {
-            id: $id,
-            kind: TableKind::Power,
-            formula: $formula,
-            source: $source,
-            covariates: $columns,
-            plausible: $plausible,
-            class: $class,
-            separated_by: $separated,
-            build: $build,
-        }
-    };
-}
-
 pub(super) const EFFECTS: &[Effect] = &[
     effect!(
+        Power,
         "gamma",
         "a ln(B / 255): (B / 255)^(2.2 + a)",
         "the facility's paper, radiometric calibration",
@@ -32,6 +17,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         gamma
     ),
     effect!(
+        Power,
         "black_level",
         "b per pixel, relative to a full one",
         "light of a black pixel",
@@ -42,6 +28,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         black_level
     ),
     effect!(
+        Power,
         "square_loading",
         "a N^p times the level",
         "line and supply loading",
@@ -52,6 +39,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         loading
     ),
     effect!(
+        Power,
         "pixel_crosstalk",
         "a / N: the square's perimeter over its area",
         "neighbouring pixels lend or take light",
@@ -62,6 +50,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         crosstalk
     ),
     effect!(
+        Power,
         "self_heating",
         "a (1 - exp(-t / tau)), or a T",
         "efficiency falls as the display warms",
@@ -72,6 +61,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         self_heating
     ),
     effect!(
+        Power,
         "ageing",
         "-k D, D the dose shown so far",
         "luminance decay of emitters",
@@ -82,6 +72,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         ageing
     ),
     effect!(
+        Power,
         "meter_zero",
         "+ b",
         "offset of the meter",
@@ -92,6 +83,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         meter_zero
     ),
     effect!(
+        Power,
         "meter_wavelength",
         "a_channel",
         "responsivity at another wavelength",
@@ -102,6 +94,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         meter_wavelength
     ),
     effect!(
+        Power,
         "meter_nonlinearity",
         "a I",
         "saturation of the meter",
@@ -112,6 +105,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         nonlinearity
     ),
     effect!(
+        Power,
         "channel_nonadditivity",
         "a where r, g, b are lit together",
         "common supply of the sub-pixels",
@@ -122,6 +116,7 @@ pub(super) const EFFECTS: &[Effect] = &[
         nonadditivity
     ),
     effect!(
+        Power,
         "attenuator_not_changed",
         "a constant factor on one series",
         "a range or filter recorded wrongly",

@@ -77,6 +77,14 @@ impl Dual {
 }
 
 impl Formula {
+    /// Indices of the columns it reads.
+    pub(crate) fn columns(&self) -> impl Iterator<Item = usize> {
+        self.ops.iter().filter_map(|op| match op {
+            Op::Column(index) => Some(*index),
+            _ => None,
+        })
+    }
+
     /// Value and derivatives by the parameters (forward differentiation: A. Griewank, A. Walther, Evaluating
     /// Derivatives, 2nd ed., ch. 3).
     pub(crate) fn evaluate(&self, column: impl Fn(usize) -> f64, parameters: &[f64]) -> (f64, Vec<f64>) {

@@ -1,0 +1,310 @@
+//! The forms of effects on points: columns over a campaign's rows.
+
+use crate::data::{Dataset, Term};
+
+use super::{Variant, lagged, need, plain, step_times, to_unit};
+
+fn xy(data: &Dataset) -> (&[f64], &[f64]) {
+    (data.values("x"), data.values("y"))
+}
+
+pub(super) fn tilt(data: &Dataset, turns: bool) -> Vec<Term<'_>> {
+    let (x, y) = xy(data);
+    [(1.0, 0.0), (0.0, 1.0)]
+        .into_iter()
+        .zip(["a_arcsec", "b_arcsec"])
+        .map(|((a, b), name)| {
+            Term::new(name, move |i| {
+                // Axes of the camera, in the facility's frame.
+                let (sin, cos) = if turns { data.roll_rad[data.mounting[i]].sin_cos() } else { (0.0, 1.0) };
+                let along = (a * cos - b * sin) * x[i] + (a * sin + b * cos) * y[i];
+                [along * x[i], along * y[i]]
+            })
+        })
+        .collect()
+}
+
+pub(super) fn decentering(data: &Dataset) -> Vec<Term<'_>> {
+    let (x, y) = xy(data);
+    vec![
+        Term::new("a_arcsec", move |i| [3.0 * x[i] * x[i] + y[i] * y[i], 2.0 * x[i] * y[i]]),
+        Term::new("b_arcsec", move |i| [2.0 * x[i] * y[i], x[i] * x[i] + 3.0 * y[i] * y[i]]),
+    ]
+}
+
+pub(super) fn thin_prism(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let (x, y) = xy(data);
+    let r2 = move |i: usize| x[i] * x[i] + y[i] * y[i];
+    Ok(plain(vec![
+        Term::new("a_arcsec", move |i| [r2(i), 0.0]),
+        Term::new("b_arcsec", move |i| [0.0, r2(i)]),
+    ]))
+}
+
+/// (x, y) r^power g.
+fn radial_term<'a>(data: &'a Dataset, name: String, power: i32, g: Option<Vec<f64>>) -> Term<'a> {
+    let (x, y) = xy(data);
+    Term::new(name, move |i| {
+        let value = (x[i] * x[i] + y[i] * y[i]).sqrt().powi(power) * g.as_ref().map_or(1.0, |g| g[i]);
+        [x[i] * value, y[i] * value]
+    })
+}
+
+/// (g, 0) and (0, g).
+fn pair<'a>(g: Vec<f64>, suffix: &str) -> Vec<Term<'a>> {
+    let h = g.clone();
+    vec![
+        Term::new(format!("a{suffix}_arcsec"), move |i| [g[i], 0.0]),
+        Term::new(format!("b{suffix}_arcsec"), move |i| [0.0, h[i]]),
+    ]
+}
+
+pub(super) fn radial(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let mut further: Vec<Term<'_>> =
+        [6, 8].map(|p| radial_term(data, format!("r{p}_arcsec"), p, None)).into();
+    further.push(radial_term(data, "r1_arcsec".into(), 1, None));
+    Ok(vec![Variant {
+        shape: Vec::new(),
+        leading: vec![radial_term(data, "amplitude_arcsec".into(), 4, None)],
+        further,
+    }])
+}
+
+pub(super) fn bow(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let (x, y) = xy(data);
+    let with = move |g: fn(f64, f64) -> f64| {
+        move |i: usize| {
+            let depth = g(x[i], y[i]);
+            [depth * x[i], depth * y[i]]
+        }
+    };
+    Ok(plain(vec![
+        Term::new("a_arcsec", with(|x, y| x * x - y * y)),
+        Term::new("b_arcsec", with(|x, y| x * y)),
+    ]))
+}
+
+/// L from 0 at its middle, and its powers.
+fn powers_of_l(data: &Dataset) -> Result<[Vec<f64>; 3], String> {
+    need(data, "log10_irradiance")?;
+    let (unit, _) = data.scaled("log10_irradiance").ok_or("column `log10_irradiance` is constant")?;
+    Ok([1, 2, 3].map(|p| unit.iter().map(|l| l.powi(p)).collect()))
+}
+
+pub(super) fn flux_coma(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let [l, l2, l3] = powers_of_l(data)?;
+    Ok([0, 1, 2]
+        .into_iter()
+        .map(|p| {
+            let mut further = Vec::new();
+            for q in [0, 1, 2, 4] {
+                for (k, g) in [&l, &l2, &l3].into_iter().enumerate() {
+                    if (q, k) != (p, 0) {
+                        further.push(radial_term(
+                            data,
+                            format!("l{}_r{q}_arcsec", k + 1),
+                            q,
+                            Some(g.clone()),
+                        ));
+                    }
+                }
+            }
+            Variant {
+                shape: vec![("power_of_r", f64::from(p))],
+                leading: vec![radial_term(data, "amplitude_arcsec".into(), p, Some(l.clone()))],
+                further,
+            }
+        })
+        .collect())
+}
+
+pub(super) fn flux_shift(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let [l, l2, l3] = powers_of_l(data)?;
+    let mut further = pair(l2, "2");
+    further.extend(pair(l3, "3"));
+    Ok(vec![Variant { shape: Vec::new(), leading: pair(l, ""), further }])
+}
+
+pub(super) fn background(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let l = need(data, "log10_irradiance")?;
+    let faintest = l.iter().copied().fold(f64::INFINITY, f64::min);
+    // Relative to the faintest: the amplitude is what that point moves by.
+    let per: Vec<f64> = l.iter().map(|l| 10f64.powf(faintest - l)).collect();
+    Ok(plain(pair(per, "")))
+}
+
+fn channels(data: &Dataset) -> Result<Vec<(u8, &'static str)>, String> {
+    let lit: Vec<(u8, &'static str)> = [(1, "g"), (3, "w"), (0, "r"), (2, "b")]
+        .into_iter()
+        .filter(|(k, _)| data.channel.contains(k))
+        .collect();
+    // The first is the reference, which the baseline has.
+    if lit.len() < 2 { Err("column `channel` is missing or constant".into()) } else { Ok(lit[1..].to_vec()) }
+}
+
+pub(super) fn lateral_colour(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let (mut leading, mut further) = (Vec::new(), Vec::new());
+    for (k, name) in channels(data)? {
+        let here: Vec<f64> = data.channel.iter().map(|c| f64::from(u8::from(*c == k))).collect();
+        leading.push(radial_term(data, format!("{name}_arcsec"), 0, Some(here.clone())));
+        further.push(radial_term(data, format!("{name}_r2_arcsec"), 2, Some(here)));
+    }
+    Ok(vec![Variant { shape: Vec::new(), leading, further }])
+}
+
+pub(super) fn wedge(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let mut leading = Vec::new();
+    for (k, name) in channels(data)? {
+        let here = data.channel.iter().map(|c| f64::from(u8::from(*c == k))).collect();
+        leading.extend(pair(here, &format!("_{name}")));
+    }
+    Ok(plain(leading))
+}
+
+pub(super) fn subpixel(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    channels(data)?;
+    let third = data.screen_pixel_arcsec / 3.0;
+    let offset = move |i: usize| third * [-1.0, 0.0, 1.0, 0.0][usize::from(data.channel[i])];
+    Ok(plain(vec![Term::new("of_a_third_of_a_pixel", move |i| [offset(i), 0.0])]))
+}
+
+pub(super) fn thermal(data: &Dataset, focal: bool) -> Result<Vec<Variant<'_>>, String> {
+    let temperature = need(data, "temperature_c")?;
+    let mut forms: Vec<(f64, Vec<f64>)> = vec![(0.0, temperature.to_vec())];
+    if let Some(time) = data.varying("time_s") {
+        let (low, high) =
+            time.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &t| (l.min(t), h.max(t)));
+        for fraction in [0.02, 0.05, 0.1, 0.2, 0.4] {
+            let tau_s = fraction * (high - low);
+            forms.push((tau_s, lagged(time, temperature, tau_s)));
+        }
+    }
+    let mean = temperature.iter().sum::<f64>() / temperature.len() as f64;
+    Ok(forms
+        .into_iter()
+        .map(|(tau_s, values)| {
+            let values: Vec<f64> = values.iter().map(|v| v - mean).collect();
+            let leading = if focal {
+                vec![radial_term(data, "a_arcsec_per_k".into(), 0, Some(values))]
+            } else {
+                pair(values, "_per_k")
+            };
+            Variant { shape: vec![("tau_s", tau_s)], leading, further: Vec::new() }
+        })
+        .collect())
+}
+
+pub(super) fn drift(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let time = need(data, "time_s")?;
+    let start = time.iter().copied().fold(f64::INFINITY, f64::min);
+    let span = time.iter().copied().fold(f64::NEG_INFINITY, f64::max) - start;
+    let power = |p: f64| time.iter().map(|t| ((t - start) / span).powf(p)).collect::<Vec<f64>>();
+    Ok([1.0, 0.5, 2.0]
+        .into_iter()
+        .map(|p| Variant {
+            shape: vec![("power_of_t", p)],
+            leading: pair(power(p), ""),
+            further: pair(power(if p == 1.0 { 2.0 } else { 1.0 }), "2"),
+        })
+        .collect())
+}
+
+pub(super) fn roll_drift(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let (x, y) = xy(data);
+    let t = to_unit(need(data, "time_s")?);
+    let t2: Vec<f64> = t.iter().map(|t| t * t).collect();
+    let term = |name: &str, g: Vec<f64>| Term::new(name, move |i| [-y[i] * g[i], x[i] * g[i]]);
+    Ok(vec![Variant {
+        shape: Vec::new(),
+        leading: vec![term("a_arcsec", t)],
+        further: vec![term("a2_arcsec", t2)],
+    }])
+}
+
+/// What steps: numbers that name it in the shape.
+const STEPS: [(f64, &str); 4] = [(0.0, "shift"), (1.0, "roll"), (2.0, "scale"), (3.0, "tilt")];
+/// Times at which a step is looked for.
+const STEP_TIMES: usize = 40;
+
+pub(super) fn knock(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let (x, y) = xy(data);
+    let time = need(data, "time_s")?;
+    let mut out = Vec::new();
+    for t0 in step_times(data, time, STEP_TIMES) {
+        for (code, name) in STEPS {
+            let after = move |i: usize| f64::from(u8::from(time[i] > t0));
+            let term = |suffix: &str, value: fn(f64, f64) -> [f64; 2]| {
+                Term::new(format!("{name}{suffix}_arcsec"), move |i| value(x[i], y[i]).map(|v| v * after(i)))
+            };
+            let leading = match name {
+                "shift" => vec![term("_x", |_, _| [1.0, 0.0]), term("_y", |_, _| [0.0, 1.0])],
+                "roll" => vec![term("", |x, y| [-y, x])],
+                "scale" => vec![term("", |x, y| [x, y])],
+                _ => vec![term("_a", |x, y| [x * x, x * y]), term("_b", |x, y| [x * y, y * y])],
+            };
+            out.push(Variant { shape: vec![("t0_s", t0), ("term", code)], leading, further: Vec::new() });
+        }
+    }
+    Ok(out)
+}
+
+fn phase_terms<'a>(
+    px: &'a [f64],
+    py: &'a [f64],
+    harmonic: f64,
+    g: Option<Vec<f64>>,
+    name: &str,
+) -> Vec<Term<'a>> {
+    let sine = move |phase: f64| (std::f64::consts::TAU * harmonic * phase).sin();
+    let h = g.clone();
+    vec![
+        Term::new(format!("a{name}_arcsec"), move |i| [sine(px[i]) * g.as_ref().map_or(1.0, |g| g[i]), 0.0]),
+        Term::new(format!("b{name}_arcsec"), move |i| [0.0, sine(py[i]) * h.as_ref().map_or(1.0, |h| h[i])]),
+    ]
+}
+
+/// Below this the camera's axes are the facility's.
+const SMALL_ROLL_RAD: f64 = 0.03;
+
+pub(super) fn camera_phase(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let (px, py) = (need(data, "camera_phase_x")?, need(data, "camera_phase_y")?);
+    let leading = if data.roll_rad.len() == 1 && data.roll_rad[0].abs() < SMALL_ROLL_RAD {
+        phase_terms(px, py, 1.0, None, "")
+    } else {
+        // The camera's axes in the facility's frame.
+        let sine = |phase: f64| (std::f64::consts::TAU * phase).sin();
+        let turned = move |i: usize, v: [f64; 2]| {
+            let (sin, cos) = data.roll_rad[data.mounting[i]].sin_cos();
+            [cos * v[0] - sin * v[1], sin * v[0] + cos * v[1]]
+        };
+        vec![
+            Term::new("a_arcsec", move |i| turned(i, [sine(px[i]), 0.0])),
+            Term::new("b_arcsec", move |i| turned(i, [0.0, sine(py[i])])),
+        ]
+    };
+    Ok(vec![Variant { shape: Vec::new(), leading, further: phase_terms(px, py, 2.0, None, "2") }])
+}
+
+pub(super) fn screen_phase(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let (px, py) = (need(data, "screen_phase_x")?, need(data, "screen_phase_y")?);
+    let lowest = data.values("digital_count").iter().copied().fold(f64::INFINITY, f64::min);
+    let light = move |q: f64| -> Vec<f64> {
+        data.values("digital_count").iter().map(|b| (lowest / b).powf(q)).collect()
+    };
+    Ok([0.0, 1.0, 2.0]
+        .into_iter()
+        .map(|q| {
+            let mut further = phase_terms(px, py, 2.0, Some(light(q)), "_2nd");
+            further.extend(phase_terms(px, py, 1.0, Some(light(if q == 1.0 { 0.0 } else { 1.0 })), "_other"));
+            Variant {
+                shape: vec![("power_of_count", q)],
+                leading: phase_terms(px, py, 1.0, Some(light(q)), ""),
+                further,
+            }
+        })
+        .collect())
+}
+
+pub(super) fn row_load(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    Ok(plain(pair(need(data, "row_load")?.to_vec(), "")))
+}
