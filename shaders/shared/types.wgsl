@@ -19,7 +19,7 @@ struct Frame {
     near_m: f32,
     padding: vec2<u32>,
     /// Coefficients of x^i y^j, ordered by i then j, two (a, b) pairs an entry.
-    distortion: array<vec4<f32>, 39>,
+    distortion: array<vec4<f32>, 53>,
 }
 
 /// A body in this frame.

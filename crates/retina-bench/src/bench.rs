@@ -1,5 +1,6 @@
 //! Screen, optics and camera together.
 
+use rayon::prelude::*;
 use retina_geometry::Setup;
 use retina_radiometry::irradiance_of_magnitude_w_m2_nm;
 
@@ -148,19 +149,15 @@ impl Bench {
         let full = self.full_e_s.map(|e| e * exposure.exposure_s);
         let sources = self.optics.sources(&self.display, &lit, &exposure.pose, full);
         let size = self.setup.camera.width_px as usize * self.setup.camera.height_px as usize;
-        let mut image = vec![0f32; size];
+        // The screen's black: its pixels are smaller than the camera's spots, so it is even.
+        let mut image = vec![(self.black_e_s() * exposure.exposure_s) as f32; size];
         if lit.len() <= MOST_POINTS {
             self.optics.add_points(&mut image, &sources);
         } else {
             self.optics.add_scene(&mut image, &sources);
         }
         self.optics.add_stray(&mut image, &sources);
-        // The screen's black: its pixels are smaller than the camera's spots, so it is even.
-        let black = self.black_e_s() * exposure.exposure_s;
-        if black > 0.0 {
-            image.iter_mut().for_each(|value| *value += black as f32);
-        }
-        image.iter_mut().for_each(|value| *value = value.max(0.0));
+        image.par_iter_mut().for_each(|value| *value = value.max(0.0));
         Ok(image)
     }
 

@@ -14,6 +14,7 @@ mod display;
 mod error;
 mod hash;
 mod imperfections;
+mod noise;
 mod optics;
 mod sensor;
 

@@ -1,12 +1,10 @@
 //! The sensor: light to electrons to digital numbers.
 
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
-use rand_distr::{Distribution, Poisson, StandardNormal};
 use rayon::prelude::*;
 use retina_geometry::Setup;
 use retina_radiometry::QuantumEfficiency;
 
+use crate::noise::Noise;
 use crate::{Imperfections, hash};
 
 /// Dark current doubles over so many kelvin.
@@ -108,128 +106,96 @@ impl Sensor {
         frame: u64,
     ) -> Vec<u16> {
         let [width, height] = self.size_px;
-        let warm = exposure_s * 2f64.powf((temperature_c - DARK_REFERENCE_C) / DARK_DOUBLING_K);
+        let warm = (exposure_s * 2f64.powf((temperature_c - DARK_REFERENCE_C) / DARK_DOUBLING_K)) as f32;
         let mut dn = vec![0u16; width * height];
-        let [stray, along_x, along_y] = self.stray_e_s.map(|e| e * exposure_s);
-        let exposed = |y: usize, random: &mut ChaCha8Rng| -> Vec<f64> {
-            let fy = 2.0 * (y as f64 + 0.5) / height as f64 - 1.0;
-            (0..width)
-                .map(|x| {
-                    let i = y * width + x;
-                    let fx = 2.0 * (x as f64 + 0.5) / width as f64 - 1.0;
-                    let stray = (stray + along_x * fx + along_y * fy).max(0.0);
-                    let mean = (f64::from(light_e[i]) + stray) * f64::from(self.response[i])
-                        + f64::from(self.dark_e_s[i]) * warm;
-                    poisson(mean, random)
-                })
-                .collect()
-        };
         let key = hash::mix(seed ^ hash::mix(frame));
-        let row_random = |y: usize| {
-            let mut random = ChaCha8Rng::seed_from_u64(key);
-            random.set_stream(y as u64);
-            random
-        };
-        let digitise = |charge: f64, i: usize, random: &mut ChaCha8Rng| {
-            let linear = charge.min(self.full_well_e);
-            let bent = linear * (1.0 + self.nonlinearity * linear / self.full_well_e);
-            let read: f64 = StandardNormal.sample(random);
-            let volts = bent + f64::from(self.offset_e[i]) + self.read_noise_e * read;
-            (volts / self.gain_e_per_dn + self.offset_dn).round().clamp(0.0, self.largest_dn) as u16
+        let noise_of = |y: usize| Noise::new(hash::mix(key ^ hash::mix(y as u64)));
+        let expose = |y: usize, noise: &mut Noise, charge: &mut [f32]| {
+            self.mean_charge(y, light_e, exposure_s, warm, charge);
+            charge.iter_mut().for_each(|value| *value = noise.poisson(*value));
         };
         if self.blooming == 0.0 {
-            dn.par_chunks_exact_mut(width).enumerate().for_each(|(y, row)| {
-                let mut random = row_random(y);
-                let charge = exposed(y, &mut random);
-                for (x, (dn, charge)) in row.iter_mut().zip(charge).enumerate() {
-                    *dn = digitise(charge, y * width + x, &mut random);
-                }
-            });
+            dn.par_chunks_exact_mut(width).enumerate().for_each_init(
+                || vec![0f32; width],
+                |charge, (y, row)| {
+                    let mut noise = noise_of(y);
+                    expose(y, &mut noise, charge);
+                    self.digitise(y, charge, &mut noise, row);
+                },
+            );
             return dn;
         }
         // Charge above full well runs along the column: all rows first.
-        let (mut charge, mut randoms): (Vec<Vec<f64>>, Vec<ChaCha8Rng>) = (0..height)
+        let (mut charge, mut noises): (Vec<Vec<f32>>, Vec<Noise>) = (0..height)
             .into_par_iter()
             .map(|y| {
-                let mut random = row_random(y);
-                (exposed(y, &mut random), random)
+                let (mut noise, mut charge) = (noise_of(y), vec![0f32; width]);
+                expose(y, &mut noise, &mut charge);
+                (charge, noise)
             })
             .unzip();
         for x in 0..width {
             self.bloom(&mut charge, x);
         }
-        dn.par_chunks_exact_mut(width).zip(charge).zip(&mut randoms).enumerate().for_each(
-            |(y, ((row, charge), random))| {
-                for (x, (dn, charge)) in row.iter_mut().zip(charge).enumerate() {
-                    *dn = digitise(charge, y * width + x, random);
-                }
-            },
-        );
+        dn.par_chunks_exact_mut(width)
+            .zip(charge)
+            .zip(&mut noises)
+            .enumerate()
+            .for_each(|(y, ((row, charge), noise))| self.digitise(y, &charge, noise, row));
         dn
+    }
+
+    /// Mean electrons of row `y`: light, stray light, dark current.
+    fn mean_charge(&self, y: usize, light_e: &[f32], exposure_s: f64, warm: f32, mean: &mut [f32]) {
+        let [width, height] = self.size_px;
+        let row = y * width..(y + 1) * width;
+        let (light, response) = (&light_e[row.clone()], &self.response[row.clone()]);
+        for (((mean, light), response), dark) in
+            mean.iter_mut().zip(light).zip(response).zip(&self.dark_e_s[row])
+        {
+            *mean = light * response + dark * warm;
+        }
+        if self.stray_e_s == [0.0; 3] {
+            return;
+        }
+        let [even, along_x, along_y] = self.stray_e_s.map(|e| e * exposure_s);
+        let from_minus_one = |i: usize, size: usize| 2.0 * (i as f64 + 0.5) / size as f64 - 1.0;
+        let even = even + along_y * from_minus_one(y, height);
+        for (x, (mean, response)) in mean.iter_mut().zip(response).enumerate() {
+            *mean += (even + along_x * from_minus_one(x, width)).max(0.0) as f32 * response;
+        }
+    }
+
+    /// Digital numbers of a row's charge.
+    fn digitise(&self, y: usize, charge: &[f32], noise: &mut Noise, dn: &mut [u16]) {
+        let full = self.full_well_e as f32;
+        let bend = (self.nonlinearity / self.full_well_e) as f32;
+        let (read, per_e) = (self.read_noise_e as f32, (1.0 / self.gain_e_per_dn) as f32);
+        // Half a number more: what follows rounds down.
+        let (offset, largest) = (self.offset_dn as f32 + 0.5, self.largest_dn as f32);
+        let offsets = &self.offset_e[y * dn.len()..];
+        for ((dn, charge), offset_e) in dn.iter_mut().zip(charge).zip(offsets) {
+            let held = charge.min(full);
+            let bent = held * (1.0 + bend * held);
+            let volts = bent + offset_e + read * noise.normal();
+            *dn = (volts * per_e + offset).min(largest) as u16;
+        }
     }
 
     /// Half of what a pixel cannot hold, times `blooming`, goes up the column and half down, until it finds
     /// room.
-    fn bloom(&self, charge: &mut [Vec<f64>], x: usize) {
+    fn bloom(&self, charge: &mut [Vec<f32>], x: usize) {
+        let (full, share) = (self.full_well_e as f32, (0.5 * self.blooming) as f32);
         for downwards in [true, false] {
             let mut carried = 0.0;
             for k in 0..charge.len() {
                 let y = if downwards { k } else { charge.len() - 1 - k };
                 let own = charge[y][x];
-                let excess = (own - self.full_well_e).max(0.0);
-                let room = (self.full_well_e - own).max(0.0);
+                let excess = (own - full).max(0.0);
+                let room = (full - own).max(0.0);
                 let taken = room.min(carried);
                 charge[y][x] = own + taken;
-                carried = carried - taken + 0.5 * self.blooming * excess;
-            }
-        }
-    }
-}
-
-/// A Poisson number of this mean.
-fn poisson(mean: f64, random: &mut ChaCha8Rng) -> f64 {
-    if mean <= 0.0 {
-        return 0.0;
-    }
-    if mean < 1.0 {
-        // By inversion; mostly 0 at once.
-        let mut left = (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-        if left < 1.0 - mean {
-            return 0.0;
-        }
-        let (mut count, mut share) = (0.0, (-mean).exp());
-        while left >= share && count < 60.0 {
-            left -= share;
-            count += 1.0;
-            share *= mean / count;
-        }
-        return count;
-    }
-    match Poisson::new(mean) {
-        Ok(distribution) => distribution.sample(random),
-        // Only a mean beyond 1e19 is refused: the pixel is full.
-        Err(_) => mean,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Mean and variance of a Poisson number are its parameter; so is its third central moment.
-    #[test]
-    fn moments_of_the_shot_noise() {
-        let mut random = ChaCha8Rng::seed_from_u64(5);
-        for mean in [0.03, 0.6, 4.0, 700.0] {
-            let count = 400_000;
-            let values: Vec<f64> = (0..count).map(|_| poisson(mean, &mut random)).collect();
-            let average = values.iter().sum::<f64>() / f64::from(count);
-            let moment = |p: i32| values.iter().map(|v| (v - mean).powi(p)).sum::<f64>() / f64::from(count);
-            let sigma = (mean / f64::from(count)).sqrt();
-            assert!((average - mean).abs() < 5.0 * sigma, "{mean}: {average}");
-            assert!((moment(2) / mean - 1.0).abs() < 0.05, "{mean}: {}", moment(2));
-            if mean < 10.0 {
-                assert!((moment(3) / mean - 1.0).abs() < 0.2, "{mean}: {}", moment(3));
+                carried = carried - taken + share * excess;
             }
         }
     }

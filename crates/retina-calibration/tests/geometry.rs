@@ -10,6 +10,7 @@ use retina_calibration::geometry::{
     CalibrateOptions, ModelForm, PointsTable, calibrate, to_json, write_calibration,
 };
 use retina_geometry::{Calibration, Setup};
+use retina_radiometry::ScreenResponse;
 
 /// Worst distance over the camera's field between what D^-1 says and the screen's true line of sight, arcsec.
 fn worst_arcsec(facility: &Facility, setup: &Setup, read: &Calibration, count: f64) -> f64 {
@@ -103,6 +104,21 @@ fn irradiance_enters_only_where_it_is_in_the_data() {
     let without =
         calibrate(&table, &setup, &CalibrateOptions { plain: true, ..CalibrateOptions::default() }).unwrap();
     assert!(without.heldout.rms_arcsec > 1.3 * with.heldout.rms_arcsec);
+}
+
+/// L is that of the display as it was measured: here (B / 255)^1.8, where the setup says 2.2.
+#[test]
+fn a_measured_response_says_how_bright_the_points_were() {
+    let setup = wide();
+    let table = LIKELY.table(&setup, 30, 150, 11);
+    let curve = |full: f64| (0..256).map(|b| full * (f64::from(b) / 255.0).powf(1.8)).collect::<Vec<_>>();
+    let response = ScreenResponse::measured([curve(1e-11), curve(2e-11), curve(1e-11)]).unwrap();
+    let options = CalibrateOptions { response: Some(response), ..CalibrateOptions::default() };
+    let [low, high] = calibrate(&table, &setup, &options).unwrap().range_log10_irradiance;
+    let counts = || table.rows.iter().filter(|row| !row.saturated).map(|row| row.digital_count);
+    let of = |count: f64| 1.8 * (count / 255.0).log10();
+    assert!((low - of(counts().fold(f64::MAX, f64::min))).abs() < 1e-9);
+    assert!((high - of(counts().fold(0.0, f64::max))).abs() < 1e-9);
 }
 
 #[test]

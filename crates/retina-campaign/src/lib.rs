@@ -4,12 +4,15 @@
 //! - [`Facility`]: a setup with effects: what is wrong with the bench, and what changes in time.
 //! - [`simulate_points`], [`simulate_power`], [`simulate_frames`]: the tables that a real facility's
 //!   campaigns give.
+//! - [`simulate_stars`], [`compare_with_sky`]: what a navigation test would see, beside what was meant and beside the sky.
 
 mod effects;
 mod facility;
 mod frames;
 mod points;
 mod power;
+mod sky;
+mod sky_page;
 mod stars;
 
 pub use effects::{Effect, EffectKind, Table, known_effects};
@@ -17,4 +20,6 @@ pub use facility::{Dynamics, Facility, TemperatureProfile};
 pub use frames::{FramesOptions, FramesResult, simulate_frames};
 pub use points::{PointsOptions, PointsResult, simulate_points};
 pub use power::{PowerOptions, PowerReading, simulate_power};
+pub use sky::{Comparison, SkyObject, SkyOptions, SkyResult, Spot, compare_with_sky};
+pub use sky_page::sky_page;
 pub use stars::{StarRow, StarsOptions, StarsResult, simulate_stars};

@@ -89,6 +89,7 @@ pub fn simulate_points(
         counts: options.counts.clone(),
         channel: options.channel,
         seed: facility.seed,
+        response: None,
     };
     let setup = &facility.setup;
     let pattern = Pattern::make(setup, &pattern_options)?;

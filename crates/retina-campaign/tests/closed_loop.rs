@@ -8,8 +8,8 @@ use std::path::Path;
 use retina_bench::{Exposure, OpticsDetail};
 use retina_calibration::geometry::{CalibrateOptions, calibrate, write_calibration};
 use retina_campaign::{
-    Effect, Facility, PointsOptions, PowerOptions, StarsOptions, Table, TemperatureProfile, simulate_points,
-    simulate_power, simulate_stars,
+    Effect, Facility, FramesOptions, PointsOptions, PowerOptions, SkyObject, SkyOptions, StarsOptions, Table,
+    TemperatureProfile, compare_with_sky, simulate_frames, simulate_points, simulate_power, simulate_stars,
 };
 use retina_geometry::{Calibration, Setup};
 use retina_optics::{Clipping, Launcher, Tracer};
@@ -142,4 +142,73 @@ fn power_readings_are_what_the_screen_sends() {
     assert!((zero * 7.088e-5 / 1e-9 - 1.0).abs() < 1e-3, "{zero}");
     let ratio = at(&["gamma=2.0"], 'g', 64, 100) / at(&[], 'g', 64, 100);
     assert!((ratio - (64f64 / 255.0).powf(-0.2)).abs() < 0.01, "{ratio}");
+}
+
+/// An interrupted run is finished, and images made from something else are not taken for its own.
+#[test]
+fn photographs_of_one_run_stay_apart_from_anothers() {
+    let mut setup = setup("wide-fov.toml");
+    // A small camera behind the same lenses: quick.
+    (setup.camera.width_px, setup.camera.height_px) = (256, 192);
+    setup.optics.system = Some("reference-1.3fc-wide".into());
+    let folder = tempfile::tempdir().unwrap();
+    let screens = folder.path().join("screens");
+    std::fs::create_dir(&screens).unwrap();
+    for name in ["000000.png", "000001.png"] {
+        let mut shown = image::GrayImage::new(1920, 1200);
+        shown.put_pixel(960, 600, image::Luma([200]));
+        shown.save(screens.join(name)).unwrap();
+    }
+    let out = folder.path().join("out");
+    let options = FramesOptions {
+        screens,
+        exposure_s: None,
+        interval_s: 60.0,
+        temperature: TemperatureProfile::Constant,
+        detail: QUICK,
+    };
+    let run =
+        |seed: u64| simulate_frames(&facility(&setup, &[], Table::Frames, seed), &options, &out, |_, _| ());
+    run(1).unwrap();
+    let second = out.join("images/000001.png");
+    let bytes = std::fs::read(&second).unwrap();
+    std::fs::remove_file(&second).unwrap();
+    run(1).unwrap();
+    assert_eq!(std::fs::read(&second).unwrap(), bytes);
+    let error = run(2).unwrap_err().to_string();
+    assert!(error.contains("made from something else"), "{error}");
+}
+
+/// The paper's Fig. 8: the same light above the atmosphere; on the bench it is wider, in the sky fainter.
+#[test]
+fn objects_on_the_bench_are_brighter_and_wider_than_in_the_sky() {
+    let setup = setup("wide-fov.toml");
+    let object = |magnitude, diameter_arcsec| SkyObject { name: "object".into(), magnitude, diameter_arcsec };
+    let options = SkyOptions {
+        objects: vec![object(-2.26, 0.0), object(0.0, 0.0), object(0.0, 200.0)],
+        detail: QUICK,
+        ..SkyOptions::default()
+    };
+    let result = compare_with_sky(&facility(&setup, &[], Table::Frames, 1), None, &options).unwrap();
+    for c in &result.comparisons {
+        let mag = |spot: &retina_campaign::Spot| -2.5 * (spot.electrons / c.space.electrons).log10();
+        // 0.25 mag an air mass, 2.5 of them; eq. 10 beside a flat spectrum, counts, what falls beyond the cut-out.
+        assert!((mag(&c.sky) - 0.625).abs() < 0.01, "{}", mag(&c.sky));
+        assert!(mag(&c.ideal_facility).abs() < 0.05 && mag(&c.bench).abs() < 0.05, "{c:?}");
+        assert!(c.bench.half_light_px > c.ideal_facility.half_light_px);
+        assert!(c.seen_px[0] > c.seen_px[1], "{:?}", c.seen_px);
+    }
+    let [jupiter, star, disc] = &result.comparisons[..] else { panic!() };
+    // Brighter than one pixel can be (the paper: "multiple pixels are lit").
+    assert!(jupiter.lit_pixels > star.lit_pixels || jupiter.lit_pixels > 3, "{}", jupiter.lit_pixels);
+    assert!(star.ideal_facility.half_light_px > star.space.half_light_px);
+    // Half of a disc's light is within its radius over sqrt(2); pixels and diffraction add to it.
+    let radius_px = 100.0 / 206_264.8 * setup.camera_pinhole().fx_px;
+    assert!(
+        (disc.space.half_light_px / radius_px - 0.5f64.sqrt()).abs() < 0.08,
+        "{}",
+        disc.space.half_light_px
+    );
+    // Airy's pattern at f/2.8 is smaller than a pixel: half of the light is within a pixel's half width, or so.
+    assert!((0.4..0.8).contains(&star.space.half_light_px), "{}", star.space.half_light_px);
 }

@@ -43,6 +43,8 @@ enum Command {
     Fit(command::fit::Arguments),
     /// Lists and explains the effects that are known.
     Effects(command::effects::Arguments),
+    /// Makes one page, which opens offline, of all pages in a folder.
+    Report(command::report::Arguments),
     /// Builds a body's mesh and textures from a relief and an albedo map.
     Body(command::body::Arguments),
     /// Writes a built-in trajectory as a table.
@@ -71,6 +73,7 @@ fn main() -> ExitCode {
         Command::Diagnose(arguments) => command::diagnose::run(&arguments),
         Command::Fit(arguments) => command::fit::run(&arguments),
         Command::Effects(arguments) => command::effects::run(&arguments),
+        Command::Report(arguments) => command::report::run(&arguments),
         Command::Body(arguments) => command::body::run(arguments),
         Command::Trajectory(arguments) => command::trajectory::run(arguments),
         Command::Sheet(arguments) => command::sheet::run(arguments),

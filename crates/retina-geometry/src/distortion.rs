@@ -5,7 +5,7 @@ use glam::{DMat2, DVec2};
 use crate::Pinhole;
 
 /// Highest total degree of the polynomial.
-pub const MAX_DEGREE: u32 = 11;
+pub const MAX_DEGREE: u32 = 13;
 
 /// Number of monomials x^i y^j with i + j <= `degree`.
 pub const fn term_count(degree: u32) -> usize {

@@ -281,7 +281,11 @@ impl Setup {
     pub fn optics_system(&self) -> Option<PathBuf> {
         let folder = self.file.parent().unwrap_or(Path::new(""));
         let system = self.optics.system.as_ref()?;
-        Some(if system.extension().is_some() { folder.join(system) } else { system.clone() })
+        // The dot in "reference-1.3fc-wide" begins no extension.
+        let is_file = system
+            .extension()
+            .is_some_and(|e| ["toml", "zmx"].iter().any(|known| e.eq_ignore_ascii_case(known)));
+        Some(if is_file { folder.join(system) } else { system.clone() })
     }
 
     /// Path of the calibration that ships with the setup, if it names one.

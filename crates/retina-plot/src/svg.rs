@@ -8,7 +8,6 @@ use crate::panel::Anchor;
 /// Writes elements; coordinates in px, two decimals.
 pub(crate) struct Svg {
     body: String,
-    clips: usize,
 }
 
 /// "-0.00" and "0.00" are one number.
@@ -31,7 +30,7 @@ impl Svg {
         );
         let _ = writeln!(body, "<title>{}</title>", escape(title));
         let _ = writeln!(body, "<rect width=\"{w}\" height=\"{h}\" fill=\"#ffffff\"/>");
-        Self { body, clips: 0 }
+        Self { body }
     }
 
     pub(crate) fn finish(mut self) -> String {
@@ -46,9 +45,9 @@ impl Svg {
     }
 
     pub(crate) fn begin_clip(&mut self, x: f64, y: f64, w: f64, h: f64) {
-        self.clips += 1;
-        let id = self.clips;
         let (x, y, w, h) = (px(x), px(y), px(w), px(h));
+        // Figures share a page: clips of one name are the same rectangle.
+        let id = format!("{x}_{y}_{w}_{h}");
         self.push(format_args!(
             "<clipPath id=\"c{id}\"><rect x=\"{x}\" y=\"{y}\" width=\"{w}\" height=\"{h}\"/></clipPath>\n<g clip-path=\"url(#c{id})\">"
         ));

@@ -2,6 +2,8 @@
 
 use retina_plot::{Anchor, Axis, Colour, Figure, PALETTE, Panel, Style};
 
+use retina_report::{Page, Section};
+
 use crate::{Calibrated, Channel};
 
 const PANEL_PX: [f64; 2] = [560.0, 400.0];
@@ -77,32 +79,29 @@ fn magnitudes(calibrated: &Calibrated) -> String {
     figure.to_svg()
 }
 
-/// One page with both figures and the text of the summary; it needs nothing else.
-pub fn report_page(calibrated: &Calibrated, summary: &[String]) -> String {
-    let escape = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
-    let name = escape(&calibrated.calibration.setup);
+/// One page with both figures and the text of the summary.
+pub fn report_page(calibrated: &Calibrated, summary: &[String]) -> Page {
     let [response, magnitudes] = figures(calibrated);
-    let warnings: String = calibrated
+    let warnings: Vec<String> = calibrated
         .fits
         .iter()
         .flat_map(|fit| fit.warnings.iter().map(|text| format!("{}: {text}", fit.channel.name())))
-        .map(|text| format!("<li>{}</li>\n", escape(&text)))
         .collect();
-    let files: String = calibrated
-        .readings
-        .files
-        .iter()
-        .map(|(path, hash)| {
-            format!("<li><code>{}</code> BLAKE3 {hash}</li>\n", escape(&path.display().to_string()))
-        })
-        .collect();
-    let lines: String = summary.iter().map(|line| format!("<li>{}</li>\n", escape(line))).collect();
-    format!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Radiometric calibration of {name}\
-         </title>\n<style>body{{font:15px/1.5 sans-serif;max-width:1160px;margin:2em auto;padding:0 1em}}\
-         svg{{max-width:100%;height:auto}}</style></head><body>\n<h1>Radiometric calibration of {name}</h1>\n\
-         <ul>\n{lines}</ul>\n<ul>\n{warnings}</ul>\n<h2>Response of the channels</h2>\n{response}\n\
-         <h2>Effective irradiance and magnitude</h2>\n{magnitudes}\n<h2>Readings</h2>\n<ul>\n{files}</ul>\n\
-         </body></html>\n"
+    let files = calibrated.readings.files.iter().map(|(path, hash)| (path.as_path(), hash.as_str()));
+    Page::new(
+        "calibrate radiometry",
+        &format!("Radiometric calibration of {}", calibrated.calibration.setup),
     )
+    .section(Section::new("").lines(summary).list(&warnings))
+    .section(Section::new("Response of the channels").figure(
+        &response,
+        "Irradiance of one pixel at the camera's pupil against its digital count: the fit, and the readings with one \
+         standard deviation (the paper's Fig. 6).",
+    ))
+    .section(Section::new("Effective irradiance and magnitude").figure(
+        &magnitudes,
+        "At equal counts of the three channels, weighted by the camera's relative efficiency (eqs. 7, 9, 10; the \
+         paper's Fig. 7).",
+    ))
+    .section(Section::new("Readings").files(files))
 }

@@ -204,7 +204,7 @@ fn the_documents_say_what_was_found() {
     assert_eq!(json["channels"]["b"]["response"]["irradiance_w_m2"].as_array().unwrap().len(), 256);
     assert_eq!(json["magnitude_range"][0], made.calibration.magnitude_range().brightest);
     let lines = summary(&made, &wide);
-    let page = report_page(&made, &lines);
+    let page = report_page(&made, &lines).html();
     assert_eq!(page.matches("<svg").count(), 2);
     assert!(!page.contains("<script") && !page.contains("src=") && page.contains("blue"));
 }

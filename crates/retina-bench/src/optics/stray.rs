@@ -122,23 +122,32 @@ impl Ghosts {
             stray.iter_mut().zip(laid).for_each(|(sum, value)| *sum += value as f32);
         }
         if kept.is_empty() {
-            image.iter_mut().for_each(|value| *value += even);
+            image.par_iter_mut().for_each(|value| *value += even);
             return;
         }
-        image.par_chunks_exact_mut(width).enumerate().for_each(|(y, row)| {
-            let v = ((y as f32 + 0.5) / CELL_PX as f32 - 0.5).clamp(0.0, (cells[1] - 1) as f32);
-            let j = (v as usize).min(cells[1].saturating_sub(2));
-            let below = (j + 1).min(cells[1] - 1);
-            let fy = v - j as f32;
-            for (x, value) in row.iter_mut().enumerate() {
-                let u = ((x as f32 + 0.5) / CELL_PX as f32 - 0.5).clamp(0.0, (cells[0] - 1) as f32);
-                let i = (u as usize).min(cells[0].saturating_sub(2));
-                let right = (i + 1).min(cells[0] - 1);
-                let fx = u - i as f32;
-                let line = |j: usize| stray[j * cells[0] + i] * (1.0 - fx) + stray[j * cells[0] + right] * fx;
-                *value += line(j) * (1.0 - fy) + line(below) * fy;
-            }
-        });
+        // Bilinear between the cells' centres: a row of cells at this height, then along it.
+        image.par_chunks_exact_mut(width).enumerate().for_each_init(
+            || vec![0f32; cells[0]],
+            |line, (y, row)| {
+                let v = ((y as f32 + 0.5) / CELL_PX as f32 - 0.5).clamp(0.0, (cells[1] - 1) as f32);
+                let above = (v as usize).min(cells[1].saturating_sub(2));
+                let below = (above + 1).min(cells[1] - 1);
+                let fy = v - above as f32;
+                let [above, below] = [above, below].map(|j| &stray[j * cells[0]..(j + 1) * cells[0]]);
+                for ((line, above), below) in line.iter_mut().zip(above).zip(below) {
+                    *line = above + fy * (below - above);
+                }
+                let half = (CELL_PX / 2).min(row.len());
+                let (first, rest) = row.split_at_mut(half);
+                first.iter_mut().for_each(|value| *value += line[0]);
+                for (i, part) in rest.chunks_mut(CELL_PX).enumerate() {
+                    let (from, to) = (line[i], line[(i + 1).min(cells[0] - 1)]);
+                    for (k, value) in part.iter_mut().enumerate() {
+                        *value += from + (to - from) * ((k as f32 + 0.5) / CELL_PX as f32);
+                    }
+                }
+            },
+        );
     }
 }
 

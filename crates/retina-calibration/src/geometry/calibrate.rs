@@ -5,6 +5,7 @@ use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use retina_files::InputError;
 use retina_geometry::{Distortion, InverseDistortion, Setup};
+use retina_radiometry::{ScreenResponse, magnitude_of_irradiance};
 
 use super::checks::check;
 use super::direct::{self, DirectFit};
@@ -18,7 +19,7 @@ use super::select::{self, Rung};
 use super::table::PointsTable;
 
 /// What is asked of a calibration.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct CalibrateOptions {
     /// Without terms in the irradiance (the paper's Fig. 10b).
     pub plain: bool,
@@ -26,6 +27,15 @@ pub struct CalibrateOptions {
     pub form: Option<ModelForm>,
     /// log10 of the irradiance (relative to white at full count) at which D is given; the points' median where absent.
     pub reference_log10_irradiance: Option<f64>,
+    /// The display's measured response; the setup's power law where absent.
+    pub response: Option<ScreenResponse>,
+}
+
+/// A measured response, or the setup's power law.
+pub(super) fn response_or_power_law(measured: Option<&ScreenResponse>, setup: &Setup) -> ScreenResponse {
+    measured
+        .cloned()
+        .unwrap_or_else(|| ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude()))
 }
 
 /// The result of a calibration.
@@ -42,6 +52,8 @@ pub struct GeometryCalibration {
     pub covariance: Vec<f64>,
     /// L at which D is given.
     pub reference_log10_irradiance: f64,
+    /// Magnitude of a white pixel at full count, L = 0.
+    pub brightest_magnitude: f64,
     /// Lowest and highest L of the points.
     pub range_log10_irradiance: [f64; 2],
     /// D at the reference.
@@ -104,7 +116,8 @@ pub fn calibrate(
     setup: &Setup,
     options: &CalibrateOptions,
 ) -> Result<GeometryCalibration, InputError> {
-    let mut observations = Observations::of(table, setup);
+    let response = response_or_power_law(options.response.as_ref(), setup);
+    let mut observations = Observations::of(table, setup, &response);
     check(table, &observations, setup)?;
     let exposures = observations.exposures.len();
     let heldout_by_points = exposures < FEWEST_EXPOSURES;
@@ -185,6 +198,7 @@ pub fn calibrate(
         covariance: (0..n * n).map(|at| reduced * covariance[(at / n, at % n)]).collect(),
         terms: fit.terms,
         reference_log10_irradiance: reference,
+        brightest_magnitude: magnitude_of_irradiance(response.brightest_w_m2_nm()),
         range_log10_irradiance: inverse.range_log10_irradiance,
         physical: PhysicalFit::fit(&observations, &steady, &weights),
         direct,

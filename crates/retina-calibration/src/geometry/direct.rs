@@ -22,25 +22,21 @@ pub struct DirectFit {
 const WANTED_ARCSEC: f64 = 0.01;
 
 /// Weight of places beyond the field, where D^-1 is extrapolated: D is to stay smooth there, no more.
-const BEYOND_WEIGHT: f64 = 0.01;
+const BEYOND_WEIGHT: f64 = 1e-4;
 
 /// Fits D of the lowest degree that undoes `inverse` (D^-1 at one irradiance) over the `field` (the rectangle of the
 /// calibrated undistorted lines of sight, low and high corner) to 0.01 arcsec, or of the highest there is; `None` where
 /// D^-1 cannot be inverted somewhere on the screen.
 pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole, field: [DVec2; 2]) -> Option<DirectFit> {
-    // Chebyshev's places, denser towards the edges, where the error of a polynomial is largest.
-    const SIDE: usize = 40;
-    let place = |i: usize| 0.5 - 0.5 * (std::f64::consts::PI * (i as f64 + 0.5) / SIDE as f64).cos();
     let size = DVec2::new(f64::from(screen.width_px), f64::from(screen.height_px));
-    let mut undistorted = Vec::new();
-    let mut sights = Vec::new();
-    for row in 0..SIDE {
-        for column in 0..SIDE {
-            let at = screen.line_of_sight(DVec2::new(place(column), place(row)) * size);
-            undistorted.push(at);
-            sights.push(inverse.undistort(at).ok()?);
-        }
-    }
+    let whole = [screen.line_of_sight(DVec2::ZERO), screen.line_of_sight(size)];
+    let within = |at: &DVec2| at.cmpge(field[0]).all() && at.cmple(field[1]).all();
+    let mut undistorted: Vec<DVec2> = chebyshev(whole).filter(|at| !within(at)).collect();
+    let beyond = undistorted.len();
+    undistorted.extend(chebyshev(field));
+    let weight = |row: usize| if row < beyond { BEYOND_WEIGHT } else { 1.0 };
+    let sights: Vec<DVec2> =
+        undistorted.iter().map(|at| inverse.undistort(*at)).collect::<Result<_, _>>().ok()?;
     let scaling = Scaling::of(undistorted.iter().map(|u| (*u, 0.0)));
     let mut best: Option<DirectFit> = None;
     for degree in inverse.degree().max(3)..=MAX_DEGREE {
@@ -51,12 +47,10 @@ pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole, field: [DVec2; 2]) -> 
         for (row, u) in undistorted.iter().enumerate() {
             scaling.fill(*u, 0.0, &terms, &mut values);
             for (column, value) in values.iter().enumerate() {
-                matrix[(row, column)] = *value * weight(*u, field);
+                matrix[(row, column)] = *value * weight(row);
             }
         }
-        let right = Mat::<f64>::from_fn(sights.len(), 2, |row, axis| {
-            sights[row][axis] * weight(undistorted[row], field)
-        });
+        let right = Mat::<f64>::from_fn(sights.len(), 2, |row, axis| sights[row][axis] * weight(row));
         let solution = matrix.qr().solve_lstsq(&right);
         let change = scaling.monomials_from_basis(&terms);
         let monomial = |row: usize, axis: usize| -> f64 {
@@ -75,8 +69,11 @@ pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole, field: [DVec2; 2]) -> 
     best
 }
 
-fn weight(at: DVec2, [low, high]: [DVec2; 2]) -> f64 {
-    if at.cmpge(low).all() && at.cmple(high).all() { 1.0 } else { BEYOND_WEIGHT }
+/// Chebyshev's places in a rectangle, denser towards its edges, where the error of a polynomial is largest.
+fn chebyshev([low, high]: [DVec2; 2]) -> impl Iterator<Item = DVec2> {
+    const SIDE: usize = 40;
+    let place = |i: usize| 0.5 - 0.5 * (std::f64::consts::PI * (i as f64 + 0.5) / SIDE as f64).cos();
+    (0..SIDE * SIDE).map(move |i| low + DVec2::new(place(i % SIDE), place(i / SIDE)) * (high - low))
 }
 
 /// Largest angle between D^-1(D(r_u)) and r_u on a regular grid over the field, its border included, arcsec.

@@ -47,14 +47,13 @@ pub fn log10_irradiance(response: &ScreenResponse, channel: Channel, digital_cou
 }
 
 impl Observations {
-    pub(crate) fn of(table: &PointsTable, setup: &Setup) -> Self {
+    pub(crate) fn of(table: &PointsTable, setup: &Setup, response: &ScreenResponse) -> Self {
         let (facility, camera) = (setup.facility_pinhole(), setup.camera_pinhole());
-        let response = ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude());
         let mut order: Vec<usize> = (0..table.rows.len()).filter(|&row| !table.rows[row].saturated).collect();
         order.sort_by_key(|&row| table.rows[row].image);
         let l: Vec<f64> = order
             .iter()
-            .map(|&row| log10_irradiance(&response, table.rows[row].channel, table.rows[row].digital_count))
+            .map(|&row| log10_irradiance(response, table.rows[row].channel, table.rows[row].digital_count))
             .collect();
         let all = |has: fn(&super::PointRow) -> bool| order.iter().all(|&row| has(&table.rows[row]));
         let noise_key: Vec<f64> = if all(|row| row.sigma_px.is_some()) {

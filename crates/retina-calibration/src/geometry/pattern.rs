@@ -11,6 +11,7 @@ use retina_geometry::Setup;
 use retina_radiometry::ScreenResponse;
 use serde::Deserialize;
 
+use super::calibrate::response_or_power_law;
 use super::observations::log10_irradiance;
 use super::table::Channel;
 
@@ -27,11 +28,13 @@ pub struct PatternOptions {
     pub channel: Channel,
     /// Seed of the random positions.
     pub seed: u64,
+    /// The display's measured response; the setup's power law where absent.
+    pub response: Option<ScreenResponse>,
 }
 
 impl Default for PatternOptions {
     fn default() -> Self {
-        Self { points: 400, screens: None, counts: Vec::new(), channel: Channel::W, seed: 1 }
+        Self { points: 400, screens: None, counts: Vec::new(), channel: Channel::W, seed: 1, response: None }
     }
 }
 
@@ -92,7 +95,7 @@ impl Pattern {
     /// # Errors
     /// So many points that their spots would merge, or no counts.
     pub fn make(setup: &Setup, options: &PatternOptions) -> Result<Self, InputError> {
-        let response = ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude());
+        let response = response_or_power_law(options.response.as_ref(), setup);
         let magnitude = |count: u8| -2.5 * log10_irradiance(&response, Channel::W, f64::from(count));
         let groups = count_groups(&wanted_counts(options, magnitude), magnitude);
         let brightest =

@@ -1,6 +1,5 @@
 //! Plots of a calibration, after the paper's Figs. 10 and 11.
 
-use retina_geometry::Setup;
 use retina_plot::{Axis, Figure, HeatMap, PALETTE, Panel, Style};
 
 use super::calibrate::{GeometryCalibration, PointResult};
@@ -11,13 +10,9 @@ const MOST_DOTS: usize = 6000;
 
 /// Names and SVG texts: errors over magnitude with and without irradiance terms, their density and distribution, and
 /// residuals over the field. `plain` is the same data's calibration without irradiance terms.
-pub fn figures(
-    result: &GeometryCalibration,
-    plain: &GeometryCalibration,
-    setup: &Setup,
-) -> Vec<(&'static str, String)> {
+pub fn figures(result: &GeometryCalibration, plain: &GeometryCalibration) -> Vec<(&'static str, String)> {
     vec![
-        ("error over magnitude", over_magnitude(result, plain, setup)),
+        ("error over magnitude", over_magnitude(result, plain)),
         ("density and distribution", distribution(result, plain)),
         ("residuals over the field", over_field(result)),
     ]
@@ -32,8 +27,8 @@ fn percentile(values: &mut [f64], share: f64) -> f64 {
     *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
-fn over_magnitude(result: &GeometryCalibration, plain: &GeometryCalibration, setup: &Setup) -> String {
-    let magnitude = |point: &PointResult| setup.brightest_magnitude() - 2.5 * point.log10_irradiance;
+fn over_magnitude(result: &GeometryCalibration, plain: &GeometryCalibration) -> String {
+    let magnitude = |point: &PointResult| result.brightest_magnitude - 2.5 * point.log10_irradiance;
     let largest = {
         let mut errors: Vec<f64> = used(plain).map(|p| p.heldout_arcsec).collect();
         if errors.is_empty() { 1.0 } else { 1.15 * percentile(&mut errors, 0.995) }

@@ -11,6 +11,7 @@ pub(crate) mod fit;
 pub(crate) mod optics;
 pub(crate) mod pattern;
 pub(crate) mod render;
+pub(crate) mod report;
 pub(crate) mod serve;
 pub(crate) mod sheet;
 pub(crate) mod simulate;

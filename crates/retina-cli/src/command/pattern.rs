@@ -6,6 +6,7 @@ use retina_calibration::geometry::{Channel, Pattern, PatternOptions};
 use retina_geometry::Setup;
 use serde_json::json;
 
+use super::calibrate::measured_response;
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
 
@@ -29,6 +30,9 @@ pub(crate) struct Arguments {
     /// Sub-pixels to light.
     #[arg(long, value_enum, default_value = "w")]
     channel: ChannelName,
+    /// A calibration with the display's measured response, in the place of the setup's power law.
+    #[arg(long, value_name = "FILE.toml")]
+    response: Option<PathBuf>,
     /// Seed of the random positions.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -58,6 +62,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             ChannelName::W => Channel::W,
         },
         seed: arguments.seed,
+        response: arguments.response.as_deref().map(|path| measured_response(path, &setup)).transpose()?,
     };
     let pattern = Pattern::make(&setup, &options)?;
     pattern.write(&arguments.out, &setup, options.seed)?;

@@ -18,6 +18,8 @@ use serde_json::{Value, json};
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines, tell};
 
+mod sky;
+
 /// Measurement campaigns on the virtual bench.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
@@ -29,6 +31,8 @@ pub(crate) enum Command {
     Frames(FramesArguments),
     /// Shows stars through a calibration and measures them: stars.csv.
     Stars(StarsArguments),
+    /// Shows objects as the bench and as the sky do, and why they differ: bench.png, sky.png, sky.html.
+    Sky(sky::Arguments),
     /// Lists the effects that --effect takes.
     Effects(EffectsArguments),
 }
@@ -207,6 +211,7 @@ pub(crate) fn run(command: &Command) -> Result<(), Failure> {
         Command::Points(arguments) => points(arguments),
         Command::Power(arguments) => power(arguments),
         Command::Frames(arguments) => frames(arguments),
+        Command::Sky(arguments) => sky::run(arguments),
         Command::Effects(arguments) => effects(arguments),
     }
 }

@@ -92,6 +92,27 @@ impl Imaging {
     }
 }
 
+/// The image of a point at infinity in a camera with an ideal objective and a clear round pupil, on its boresight, per
+/// square pixel: Airy's pattern in these spectral lines (nm, share).
+///
+/// # Errors
+/// The grid is too coarse for diffraction.
+pub fn airy_kernel(
+    pupil_radius_mm: f64,
+    lines: &[SpectralLine],
+    grid: KernelGrid,
+) -> Result<Kernel, OpticsError> {
+    let flat = Wavefront { coefficients_mm: [0.0; WAVEFRONT_TERMS], pupil_radius_mm };
+    let ahead = KernelFrame { reference: [0.0; 2], roll_rad: 0.0 };
+    let mut sum = vec![0f64; grid.side() * grid.side()];
+    let mut passed = 0.0;
+    for &line in lines {
+        passed += line.1 * add_line(&mut sum, &flat, |_| Ok(None), line, ahead, grid)?;
+    }
+    let on_grid: f64 = sum.iter().sum::<f64>() / (grid.per_px * grid.per_px) as f64;
+    Ok(Kernel { grid, values: sum.iter().map(|v| *v as f32).collect(), beyond: passed - on_grid })
+}
+
 /// Adds the image in one line; returns the share that the pupil passes.
 fn add_line(
     sum: &mut [f64],

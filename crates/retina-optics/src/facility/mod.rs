@@ -21,7 +21,7 @@ mod zernike;
 
 pub use chebyshev::Chebyshev2;
 pub use imaging::{Imaging, ImagingErrors, ImagingOptions, Wavefront, tangents};
-pub use kernel::{Kernel, KernelFrame, KernelGrid, SpectralLine};
+pub use kernel::{Kernel, KernelFrame, KernelGrid, SpectralLine, airy_kernel};
 pub use transmission::TransmissionGrid;
 pub use zernike::{COMA, TILT, WAVEFRONT_TERMS};
 

@@ -1,11 +1,15 @@
 //! Twins of the structs in shaders/shared/types.wgsl. A test compares every offset with naga's.
 
 use bytemuck::{Pod, Zeroable};
+use retina_geometry::{MAX_DEGREE, term_count};
 
 pub(crate) const NONE: u32 = u32::MAX;
 pub(crate) const FLAT: u32 = 1;
 pub(crate) const TWO_SIDED: u32 = 2;
 pub(crate) const MOST_BODIES: usize = 32;
+
+/// Two coefficients an entry.
+pub(crate) const DISTORTION_ENTRIES: usize = term_count(MAX_DEGREE).div_ceil(2);
 
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -19,7 +23,7 @@ pub(crate) struct Frame {
     pub distortion_degree: u32,
     pub near_m: f32,
     pub padding: [u32; 2],
-    pub distortion: [[f32; 4]; 39],
+    pub distortion: [[f32; 4]; DISTORTION_ENTRIES],
 }
 
 #[repr(C)]

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec2, DVec3};
 use retina_radiometry::{Law, PhaseFunction, Photometry, sun_angular_radius_rad, sun_irradiance_w_m2_nm};
 
 use super::horizon::PATCH;
-use super::layout::{Body, Frame};
+use super::layout::{Body, DISTORTION_ENTRIES, Frame};
 use super::upload::BodyRange;
 use crate::frame::contrast_reference;
 use crate::small::small_disc;
@@ -36,7 +36,7 @@ pub(crate) fn frame_uniform(state: &FrameState, region: Region, ranges: &[BodyRa
         distortion_degree: 0,
         near_m: near_m(state, ranges) as f32,
         padding: [0; 2],
-        distortion: [[0.0; 4]; 39],
+        distortion: [[0.0; 4]; DISTORTION_ENTRIES],
     };
     if let Some(distortion) = &state.distortion {
         out.distortion_degree = distortion.degree();

@@ -1,12 +1,15 @@
 //! `retina calibrate geometry`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use retina_calibration::geometry::{
     self, CalibrateOptions, ImageReport, PointsTable, calibrate, points_from_images, text_summary, to_json,
 };
+use retina_files::InputError;
 use retina_geometry::Setup;
 use retina_image::{Centroid, DetectOptions};
+use retina_radiometry::ScreenResponse;
+use retina_response::screen_response;
 use serde_json::json;
 
 use crate::failure::Failure;
@@ -39,6 +42,10 @@ pub(crate) struct Arguments {
     /// Also write a page with plots.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
+    /// A calibration with the display's measured response, in the place of the setup's power law [default: --out, if it
+    /// is there and has one].
+    #[arg(long, value_name = "FILE.toml")]
+    response: Option<PathBuf>,
     /// A plain polynomial, without terms in the irradiance.
     #[arg(long)]
     plain: bool,
@@ -80,6 +87,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         plain: arguments.plain,
         form: None,
         reference_log10_irradiance: arguments.reference_log10_irradiance,
+        response: response(arguments, &setup)?,
     };
     let result = calibrate(&table, &setup, &options)?;
     geometry::write_calibration(&arguments.out, &result, &table, &setup)?;
@@ -87,7 +95,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         geometry::write_residuals(path, &result, &table)?;
     }
     if let Some(path) = &arguments.report {
-        geometry::write_report(path, &result, &table, &setup)?;
+        geometry::write_report(path, &result, &table, &setup, &options)?;
     }
     if result.heldout_by_points {
         tell!("fewer than 3 exposures: single points are left out instead of exposures");
@@ -102,6 +110,31 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let lines: Vec<String> = text_summary(&result, &setup).lines().map(str::to_owned).collect();
     print_lines(&lines)
+}
+
+/// The measured response, if there is one.
+fn response(arguments: &Arguments, setup: &Setup) -> Result<Option<ScreenResponse>, Failure> {
+    if let Some(path) = &arguments.response {
+        return measured_response(path, setup).map(Some);
+    }
+    if !arguments.out.is_file() {
+        return Ok(None);
+    }
+    let response = screen_response(&arguments.out, setup)?;
+    if response.is_some() {
+        tell!("{}: its measured response is used", arguments.out.display());
+    }
+    Ok(response)
+}
+
+/// The measured response of a calibration that must have one.
+pub(crate) fn measured_response(path: &Path, setup: &Setup) -> Result<ScreenResponse, Failure> {
+    screen_response(path, setup)?.ok_or_else(|| {
+        InputError::new(path, "has no measured response")
+            .expected("a table [response]")
+            .help("make one with `retina calibrate radiometry --out`")
+            .into()
+    })
 }
 
 fn points(arguments: &Arguments, setup: &Setup) -> Result<(PointsTable, Vec<ImageReport>), Failure> {

@@ -3,6 +3,8 @@
 mod geometry;
 mod radiometry;
 
+pub(crate) use geometry::measured_response;
+
 use crate::failure::Failure;
 
 #[derive(clap::Subcommand)]

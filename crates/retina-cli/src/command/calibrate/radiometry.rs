@@ -62,7 +62,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         write(out, &calibration_text(out, &calibrated, &measured)?)?;
     }
     if let Some(report) = &arguments.report {
-        write(report, &report_page(&calibrated, &text))?;
+        report_page(&calibrated, &text).write(report)?;
     }
     if let Some(folder) = &arguments.figures {
         let [response, magnitude] = figures(&calibrated);
