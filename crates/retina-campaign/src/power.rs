@@ -35,8 +35,9 @@ pub struct PowerOptions {
 impl Default for PowerOptions {
     fn default() -> Self {
         Self {
-            counts: (0..=16).map(|k| (k * 16).min(255) as u8).filter(|b| *b > 0).collect(),
-            squares_px: vec![0, 50, 100, 200],
+            // The lowest tell gamma, black and zero apart, where the square is large.
+            counts: [4, 8, 12].into_iter().chain((1..=16).map(|k| (k * 16).min(255) as u8)).collect(),
+            squares_px: vec![0, 50, 100, 200, 600],
             series: 2,
             white: true,
             interval_s: 10.0,

@@ -15,19 +15,15 @@ pub fn sky_page(result: &SkyResult, options: &SkyOptions, facility: &Facility) -
     for (row, comparison) in result.comparisons.iter().enumerate() {
         let cuts = [&result.bench, &result.sky].map(|frame| cut_out(frame, comparison));
         // One scale for both, so that brightness compares.
-        let all = || cuts.iter().flat_map(|cut| cut.values.iter().copied());
-        let range = [all().fold(f64::MAX, f64::min), all().fold(f64::MIN, f64::max)];
+        let range = [0.0, cuts.iter().flat_map(|cut| cut.values.iter().copied()).fold(1.0, f64::max)];
         for (column, (cut, where_)) in cuts.iter().zip(["bench", "sky"]).enumerate() {
-            let at = [comparison.at_px.x, comparison.at_px.y];
-            let axis = |k: usize, name: &str| {
-                let half = CUT_PX as f64;
-                let (low, high) = (at[k] - half, at[k] + half);
-                let axis = Axis::linear(format!("{name} (camera px)"));
-                // y runs down.
-                if k == 0 { axis.range(low, high) } else { axis.range(high, low) }
+            // y runs down in an image and up in a plot.
+            let axis = |at: f64, name: &str| {
+                Axis::linear(format!("{name} (camera px)")).range(at - CUT_PX as f64, at + CUT_PX as f64)
             };
             let title = format!("{}, {where_}", comparison.object.name);
-            let mut panel = Panel::new(axis(0, "x"), axis(1, "y")).title(title).equal_aspect();
+            let at = comparison.at_px;
+            let mut panel = Panel::new(axis(at.x, "x"), axis(-at.y, "\u{2212}y")).title(title).equal_aspect();
             panel.heat(HeatMap { range, ..cut.clone() });
             figure.put(row, column, panel);
         }
@@ -68,10 +64,11 @@ pub fn sky_page(result: &SkyResult, options: &SkyOptions, facility: &Facility) -
             Section::new("")
                 .text(&format!(
                     "The same camera and {:.3e} s for both. Sky: {:.2} mag an air mass, {:.2} air masses, background \
-                     {:.2} mag per square arcsec.",
+                     {:.2} mag per square arcsec. The objects stand in a row through \
+                     the middle of the field, where a facility whose field is curved need not be sharpest.",
                     result.exposure_s, options.extinction_mag, options.airmass, options.background_mag_arcsec2
                 ))
-                .figure(&figure.to_svg(), "Digital counts; each object has one scale (the paper's Fig. 8)."),
+                .figure(&figure.to_svg(), "Square roots, so that faint wings are seen; each object has one scale (the paper's Fig. 8)."),
         )
         .section(
             Section::new("As it is seen")
@@ -94,12 +91,19 @@ fn cut_out(frame: &CameraFrame, comparison: &Comparison) -> HeatMap {
     let columns = (2 * CUT_PX + 1).min(frame.width_px - first[0]);
     let rows = (2 * CUT_PX + 1).min(frame.height_px - first[1]);
     let at = |i: usize| frame.dn[(first[1] + i / columns) * frame.width_px + first[0] + i % columns];
+    // Upwards.
+    let flipped = |i: usize| (rows - 1 - i / columns) * columns + i % columns;
+    let counts: Vec<f64> = (0..rows * columns).map(|i| f64::from(at(flipped(i)))).collect();
+    let mut sorted = counts.clone();
+    sorted.sort_by(f64::total_cmp);
+    // Most of a cut-out is dark.
+    let background = sorted[sorted.len() / 4];
     HeatMap {
-        origin: first.map(|v| v as f64 + 0.5),
+        origin: [first[0] as f64 + 0.5, -((first[1] + rows) as f64 - 0.5)],
         pitch: [1.0, 1.0],
         columns,
-        values: (0..rows * columns).map(|i| f64::from(at(i))).collect(),
+        values: counts.iter().map(|count| (count - background).max(0.0).sqrt()).collect(),
         range: [0.0, 1.0],
-        label: "digital count".into(),
+        label: "sqrt(digital count above background)".into(),
     }
 }

@@ -104,6 +104,36 @@ fn check_file(path: &std::path::Path, extension: &str) -> Result<(), Failure> {
         .into())
 }
 
+/// Outputs are files of their own: none is an input, no two are one. `both` is read and written on purpose.
+fn check_apart<'a>(
+    inputs: impl IntoIterator<Item = &'a std::path::PathBuf>,
+    outputs: impl IntoIterator<Item = Option<&'a std::path::PathBuf>>,
+    both: Option<&'a std::path::PathBuf>,
+) -> Result<(), Failure> {
+    // A file that is not there yet is known by its folder and name.
+    let place = |path: &std::path::Path| {
+        path.canonicalize().ok().or_else(|| {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+            Some(folder.unwrap_or(std::path::Path::new(".")).canonicalize().ok()?.join(path.file_name()?))
+        })
+    };
+    let inputs: Vec<_> = inputs.into_iter().filter_map(|path| place(path)).collect();
+    let mut written = Vec::new();
+    for path in outputs.into_iter().flatten() {
+        let Some(at) = place(path) else { continue };
+        let problem = if written.contains(&at) {
+            "would be written twice"
+        } else if inputs.contains(&at) && both != Some(path) {
+            "is an input, and would be overwritten"
+        } else {
+            written.push(at);
+            continue;
+        };
+        return Err(retina_files::InputError::new(path, problem).help("give the output another name").into());
+    }
+    Ok(())
+}
+
 /// Where a file is to be written, its folder must be: `Err` names the folder that is not.
 fn check_target(path: &std::path::Path) -> Result<(), Failure> {
     match path.parent() {

@@ -16,11 +16,17 @@ const MOST_COLUMNS: usize = 8;
 /// Rows drawn at most: more hide each other.
 const MOST_ROWS: usize = 3000;
 
-/// Writes the figure: vectors over the field (points), then the errors against each column.
+/// Writes [`figure_svg`] into a file.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write_figure(path: &Path, data: &Dataset, added: &[AddedEffect]) -> Result<(), InputError> {
+    write_atomic(path, figure_svg(data, added).as_bytes())
+        .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+}
+
+/// Vectors over the field (points), then the errors against each column.
+pub(crate) fn figure_svg(data: &Dataset, added: &[AddedEffect]) -> String {
     let adjusted = adjusted(data, added);
     let fit = robust_fit(&adjusted.data, &adjusted.base);
     let n = data.components();
@@ -57,6 +63,5 @@ pub fn write_figure(path: &Path, data: &Dataset, added: &[AddedEffect]) -> Resul
     for (k, panel) in panels.into_iter().enumerate() {
         figure.put(k / COLUMNS, k % COLUMNS, panel);
     }
-    write_atomic(path, figure.to_svg().as_bytes())
-        .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+    figure.to_svg()
 }

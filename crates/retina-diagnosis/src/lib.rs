@@ -19,6 +19,7 @@ mod model_file;
 mod next;
 mod noise;
 mod output;
+mod report;
 mod score;
 mod screens;
 mod user;
@@ -36,4 +37,5 @@ pub use output::{
     compare_json, compare_text, diagnose_json, diagnose_text, effects_json, effects_text, fit_json, fit_text,
     write_predictions,
 };
+pub use report::{Shape, compare_page, diagnose_page, fit_page, unexplained_shapes};
 pub use user::{AddedEffect, UserEffect, check_effects};

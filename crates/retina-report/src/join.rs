@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use retina_files::{InputError, read_text};
+use retina_files::{InputError, read_bytes};
 
 use crate::page::{BEGIN, END, document, write_page};
 
@@ -20,26 +20,17 @@ const ORDER: [&str; 9] = [
     "navigate",
 ];
 
-/// Writes one page that holds all pages of this kind in `folder` (its own files, not those of folders in it), in the
-/// order of the work, then of their names. Returns the files that went in. `out` itself is not one of them.
+/// Writes one page that holds all pages of this kind in `folder` and the folders within, in the order of the work, then of their names. Returns the files that went in. `out` itself is not one of them.
 ///
 /// # Errors
 /// The folder cannot be read or has no such page; the page cannot be written.
 pub fn join(folder: &Path, out: &Path) -> Result<Vec<PathBuf>, InputError> {
-    let unreadable = |error: std::io::Error| InputError::new(folder, format!("cannot be read: {error}"));
     let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
-        let path = entry.map_err(unreadable)?.path();
-        if path.is_file()
-            && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("html"))
-            && !same(&path, out)
-        {
-            files.push(path);
-        }
-    }
+    pages_in(folder, 0, &mut files)?;
     let mut parts = Vec::new();
-    for path in files {
-        for (kind, body) in articles(&read_text(&path)?) {
+    for path in files.into_iter().filter(|path| !same(path, out)) {
+        // Pages of others may have any encoding; ours are UTF-8.
+        for (kind, body) in articles(&String::from_utf8_lossy(&read_bytes(&path)?)) {
             let rank = ORDER.iter().position(|known| *known == kind).unwrap_or(ORDER.len());
             parts.push((rank, kind, path.clone(), body));
         }
@@ -64,6 +55,22 @@ pub fn join(folder: &Path, out: &Path) -> Result<Vec<PathBuf>, InputError> {
     let mut joined: Vec<PathBuf> = parts.into_iter().map(|part| part.2).collect();
     joined.dedup();
     Ok(joined)
+}
+
+/// Folders within folders are looked into so deep.
+const DEEPEST: usize = 6;
+
+fn pages_in(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), InputError> {
+    let unreadable = |error: std::io::Error| InputError::new(folder, format!("cannot be read: {error}"));
+    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+        let path = entry.map_err(unreadable)?.path();
+        if path.is_dir() && depth < DEEPEST {
+            pages_in(&path, depth + 1, files)?;
+        } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("html")) && path.is_file() {
+            files.push(path);
+        }
+    }
+    Ok(())
 }
 
 fn same(a: &Path, b: &Path) -> bool {
@@ -107,11 +114,13 @@ mod tests {
                 .write(&at(name))
                 .unwrap();
         }
-        std::fs::write(at("other.html"), "<html>of someone else</html>").unwrap();
+        std::fs::write(at("other.html"), b"<html>of someone else \xff</html>").unwrap();
+        std::fs::create_dir(at("within")).unwrap();
+        std::fs::rename(at("c.html"), at("within/c.html")).unwrap();
         for _ in 0..2 {
             // The second time the joined page stands there too.
             let joined = join(folder.path(), &at("report.html")).unwrap();
-            assert_eq!(joined, ["c.html", "b.html", "a.html"].map(at));
+            assert_eq!(joined, ["within/c.html", "b.html", "a.html"].map(at));
             let html = std::fs::read_to_string(at("report.html")).unwrap();
             assert_eq!(html.matches("<article").count(), 3);
             assert!(!html.contains("someone else"));

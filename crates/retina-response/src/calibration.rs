@@ -90,6 +90,24 @@ pub fn wavelengths_nm(setup: &Setup) -> [f64; 3] {
     [w.r, w.g, w.b]
 }
 
+/// A display so much brighter or fainter than its setup says is more likely a column in another unit.
+const UNLIKELY_MAG: f64 = 3.0;
+/// A channel whose light at full count is fewer sigmas than this has none.
+const LEAST_SIGMAS: f64 = 5.0;
+
+/// Refuses a channel in whose readings no light is seen.
+fn significant(fit: &ChannelResponse, readings: &PowerReadings) -> Result<(), InputError> {
+    let (full, sigma) = (fit.full_w_m2.value, fit.full_w_m2.sigma);
+    if full > LEAST_SIGMAS * sigma && sigma.is_finite() {
+        return Ok(());
+    }
+    let file = readings.files.first().map(|(path, _)| path.clone()).unwrap_or_default();
+    Err(InputError::new(&file, format!("the {} channel's readings show no light of the display", fit.channel.name()))
+        .found(format!("{full:.2e} +- {sigma:.2e} W m^-2 of a pixel at count 255"))
+        .expected(format!("more than {LEAST_SIGMAS} standard deviations"))
+        .help("are irradiance_w_m2 and sigma_w_m2 in each other's places, and does the light change with the count?"))
+}
+
 impl RadiometricCalibration {
     /// Fits the readings' response.
     ///
@@ -100,7 +118,10 @@ impl RadiometricCalibration {
             ChannelResponse::fit(channel, &readings.channels[channel as usize], &readings.files)
         };
         let [r, g, b] = crate::Channel::ALL;
-        let fits = [fit(r)?, fit(g)?, fit(b)?];
+        let mut fits = [fit(r)?, fit(g)?, fit(b)?];
+        for fit in &fits {
+            significant(fit, &readings)?;
+        }
         let (efficiency, bandwidth_nm) = efficiencies(setup);
         if efficiency.iter().all(|&eta| eta == 0.0) {
             return Err(InputError::new(&setup.file, "the sensor sees none of the display's channels")
@@ -113,6 +134,13 @@ impl RadiometricCalibration {
         let channels = [curve(&fits[0]), curve(&fits[1]), curve(&fits[2])];
         let calibration = Self { setup: setup.name.clone(), channels, efficiency, bandwidth_nm };
         let additivity = additivity(&calibration, &fits, &readings);
+        let [stated, found] = [setup.brightest_magnitude(), calibration.magnitude([255; 3])];
+        if (found - stated).abs() > UNLIKELY_MAG {
+            fits[0].warnings.push(format!(
+                "a white pixel at full count would be of magnitude {found:.2}, the setup says {stated:.2}: is irradiance_w_m2 \
+                 in W m^-2 at the camera's pupil?"
+            ));
+        }
         Ok(Calibrated { calibration, fits, additivity, readings })
     }
 

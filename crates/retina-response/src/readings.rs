@@ -81,7 +81,13 @@ impl PowerReadings {
     pub fn read(paths: &[PathBuf]) -> Result<Self, InputError> {
         let mut all = Self { files: Vec::new(), channels: Default::default(), white: Vec::new() };
         for (index, path) in paths.iter().enumerate() {
-            all.files.push((path.clone(), hash_file(path)?));
+            let hash = hash_file(path)?;
+            if let Some((other, _)) = all.files.iter().find(|(_, other)| *other == hash) {
+                return Err(InputError::new(path, "the table is given twice")
+                    .found(format!("the same content as {}", other.display()))
+                    .help("readings are taken for independent: give each once"));
+            }
+            all.files.push((path.clone(), hash));
             all.add(index, &Table::read(path)?)?;
         }
         let file = paths.first().map_or(Path::new("--data"), |path| path.as_path());
@@ -160,7 +166,7 @@ fn read_row(file: usize, table: &Table, row: usize) -> Result<Reading, InputErro
             .cell(table.line(row), "irradiance_w_m2")
             .found(irradiance_w_m2)
             .expected(format!("W m^-2 at the camera's pupil, below {BRIGHTEST_W_M2}"))
-            .help("is the column in W m^-2, and not a digital count or nanowatts?"));
+            .help("is the column in W m^-2, and not a digital count, milliwatts or microwatts?"));
     }
     let sigma_w_m2 = table.number_or_empty(row, "sigma_w_m2")?;
     if let Some(sigma) = sigma_w_m2.filter(|&sigma| sigma <= 0.0) {

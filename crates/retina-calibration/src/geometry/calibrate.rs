@@ -4,7 +4,7 @@ use glam::DVec2;
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use retina_files::InputError;
-use retina_geometry::{Distortion, InverseDistortion, Setup};
+use retina_geometry::{InverseDistortion, Setup};
 use retina_radiometry::{ScreenResponse, magnitude_of_irradiance};
 
 use super::checks::check;
@@ -103,6 +103,24 @@ pub struct PointResult {
     pub outlier: bool,
 }
 
+/// D is given where it was measured.
+fn check_reference(
+    table: &PointsTable,
+    observations: &Observations,
+    options: &CalibrateOptions,
+) -> Result<(), InputError> {
+    let Some(reference) = options.reference_log10_irradiance else { return Ok(()) };
+    let low = observations.l.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = observations.l.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if (low..=high).contains(&reference) {
+        return Ok(());
+    }
+    let file = table.files.first().map(|(path, _)| path.clone()).unwrap_or_default();
+    Err(InputError::new(&file, "no point is as bright or as faint as the reference for D")
+        .found(format!("log10 irradiance {reference}"))
+        .expected(format!("{low:.3} to {high:.3}, the points'")))
+}
+
 /// Fewer exposures than this are not left out one after another; single points are.
 const FEWEST_EXPOSURES: usize = 3;
 
@@ -119,6 +137,7 @@ pub fn calibrate(
     let response = response_or_power_law(options.response.as_ref(), setup);
     let mut observations = Observations::of(table, setup, &response);
     check(table, &observations, setup)?;
+    check_reference(table, &observations, options)?;
     let exposures = observations.exposures.len();
     let heldout_by_points = exposures < FEWEST_EXPOSURES;
     if heldout_by_points {
@@ -167,11 +186,6 @@ pub fn calibrate(
     let reference = inverse.at(inverse.reference_log10_irradiance);
     let direct = direct::fit(&reference, &setup.facility_pinhole(), field).ok_or_else(|| {
         InputError::new(&file, "the mapping found cannot be inverted over the screen")
-            .help("the points do not cover the screen: add some near its edges, or give a lower --degree")
-    })?;
-    let direct_map = Distortion::from_terms(&direct.terms);
-    direct_map.check_over(&setup.facility_pinhole()).map_err(|error| {
-        InputError::new(&file, format!("the mapping found is no camera's: {error}"))
             .help("the points do not cover the screen: add some near its edges, or give a lower --degree")
     })?;
     let heldout =

@@ -29,6 +29,19 @@ pub(crate) fn check(
     let error = |problem: &str| InputError::new(&file, problem);
     let (width, height) = (f64::from(setup.screen.width_px), f64::from(setup.screen.height_px));
     for row in &table.rows {
+        // Measured places may lie somewhat beyond the sensor's edge.
+        let camera = [f64::from(setup.camera.width_px), f64::from(setup.camera.height_px)];
+        for (column, value, size) in
+            [("camera_x_px", row.camera_px.x, camera[0]), ("camera_y_px", row.camera_px.y, camera[1])]
+        {
+            if !(-0.1 * size..=1.1 * size).contains(&value) {
+                return Err(error("the point is not on the sensor")
+                    .cell(row.line, column)
+                    .found(value)
+                    .expected(format!("0 to {size}, the camera of setup `{}`", setup.name))
+                    .help("is this another camera's table, or a column in another unit?"));
+            }
+        }
         for (column, value, size) in
             [("screen_x_px", row.screen_px.x, width), ("screen_y_px", row.screen_px.y, height)]
         {

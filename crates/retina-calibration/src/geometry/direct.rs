@@ -5,7 +5,7 @@ use faer::linalg::solvers::SolveLstsq as _;
 use glam::DVec2;
 use retina_geometry::{Distortion, MAX_DEGREE, Pinhole};
 
-use super::form::{ModelForm, Scaling};
+use super::form::{ModelForm, Scaling, Term};
 
 /// The direct polynomial of eq. "r = D(r_u, beta)", fitted to the inverse of D^-1.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,12 +21,13 @@ pub struct DirectFit {
 /// D and D^-1 are inverse to each other to this, arcsec.
 const WANTED_ARCSEC: f64 = 0.01;
 
-/// Weight of places beyond the field, where D^-1 is extrapolated: D is to stay smooth there, no more.
-const BEYOND_WEIGHT: f64 = 1e-4;
+/// Weights of places beyond the field, where D^-1 is extrapolated: D is to keep its orientation there, no more. The
+/// heavier ones are for where it does not.
+const BEYOND_WEIGHTS: [f64; 3] = [1e-4, 1e-3, 1e-2];
 
 /// Fits D of the lowest degree that undoes `inverse` (D^-1 at one irradiance) over the `field` (the rectangle of the
-/// calibrated undistorted lines of sight, low and high corner) to 0.01 arcsec, or of the highest there is; `None` where
-/// D^-1 cannot be inverted somewhere on the screen.
+/// calibrated undistorted lines of sight, low and high corner) to 0.01 arcsec, or else the best there is; `None` where
+/// D^-1 cannot be inverted somewhere on the screen, or every D folds over there.
 pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole, field: [DVec2; 2]) -> Option<DirectFit> {
     let size = DVec2::new(f64::from(screen.width_px), f64::from(screen.height_px));
     let whole = [screen.line_of_sight(DVec2::ZERO), screen.line_of_sight(size)];
@@ -34,39 +35,55 @@ pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole, field: [DVec2; 2]) -> 
     let mut undistorted: Vec<DVec2> = chebyshev(whole).filter(|at| !within(at)).collect();
     let beyond = undistorted.len();
     undistorted.extend(chebyshev(field));
-    let weight = |row: usize| if row < beyond { BEYOND_WEIGHT } else { 1.0 };
     let sights: Vec<DVec2> =
         undistorted.iter().map(|at| inverse.undistort(*at)).collect::<Result<_, _>>().ok()?;
     let scaling = Scaling::of(undistorted.iter().map(|u| (*u, 0.0)));
     let mut best: Option<DirectFit> = None;
     for degree in inverse.degree().max(3)..=MAX_DEGREE {
         let terms = ModelForm::plain(degree).terms();
-        let n = terms.len();
-        let mut values = vec![0.0; n];
-        let mut matrix = Mat::<f64>::zeros(undistorted.len(), n);
-        for (row, u) in undistorted.iter().enumerate() {
-            scaling.fill(*u, 0.0, &terms, &mut values);
-            for (column, value) in values.iter().enumerate() {
-                matrix[(row, column)] = *value * weight(row);
+        for beyond_weight in BEYOND_WEIGHTS {
+            let weight = |row: usize| if row < beyond { beyond_weight } else { 1.0 };
+            let rows = least_squares(&undistorted, &sights, weight, &terms, &scaling);
+            let direct = Distortion::from_terms(&rows);
+            if direct.check_over(screen).is_err() {
+                continue;
             }
+            let worst_arcsec = worst(&direct, inverse, field);
+            if best.as_ref().is_none_or(|best| worst_arcsec < best.worst_arcsec) {
+                best = Some(DirectFit { terms: rows, degree, worst_arcsec });
+            }
+            break;
         }
-        let right = Mat::<f64>::from_fn(sights.len(), 2, |row, axis| sights[row][axis] * weight(row));
-        let solution = matrix.qr().solve_lstsq(&right);
-        let change = scaling.monomials_from_basis(&terms);
-        let monomial = |row: usize, axis: usize| -> f64 {
-            (0..n).map(|c| change[row * n + c] * solution[(c, axis)]).sum()
-        };
-        let rows: Vec<(u32, u32, f64, f64)> =
-            terms.iter().enumerate().map(|(i, t)| (t[0], t[1], monomial(i, 0), monomial(i, 1))).collect();
-        let worst_arcsec = worst(&Distortion::from_terms(&rows), inverse, field);
-        if best.as_ref().is_none_or(|best| worst_arcsec < best.worst_arcsec) {
-            best = Some(DirectFit { terms: rows, degree, worst_arcsec });
-        }
-        if worst_arcsec <= WANTED_ARCSEC {
+        if best.as_ref().is_some_and(|best| best.worst_arcsec <= WANTED_ARCSEC) {
             break;
         }
     }
     best
+}
+
+/// Rows (i, j, a, b) of the polynomial through these pairs.
+fn least_squares(
+    undistorted: &[DVec2],
+    sights: &[DVec2],
+    weight: impl Fn(usize) -> f64,
+    terms: &[Term],
+    scaling: &Scaling,
+) -> Vec<(u32, u32, f64, f64)> {
+    let n = terms.len();
+    let mut values = vec![0.0; n];
+    let mut matrix = Mat::<f64>::zeros(undistorted.len(), n);
+    for (row, u) in undistorted.iter().enumerate() {
+        scaling.fill(*u, 0.0, terms, &mut values);
+        for (column, value) in values.iter().enumerate() {
+            matrix[(row, column)] = *value * weight(row);
+        }
+    }
+    let right = Mat::<f64>::from_fn(sights.len(), 2, |row, axis| sights[row][axis] * weight(row));
+    let solution = matrix.qr().solve_lstsq(&right);
+    let change = scaling.monomials_from_basis(terms);
+    let monomial =
+        |row: usize, axis: usize| -> f64 { (0..n).map(|c| change[row * n + c] * solution[(c, axis)]).sum() };
+    terms.iter().enumerate().map(|(i, t)| (t[0], t[1], monomial(i, 0), monomial(i, 1))).collect()
 }
 
 /// Chebyshev's places in a rectangle, denser towards its edges, where the error of a polynomial is largest.

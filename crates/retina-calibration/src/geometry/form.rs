@@ -6,7 +6,7 @@ use glam::DVec2;
 pub type Term = [u32; 3];
 
 /// Highest powers that occur in a form, plus one.
-pub(crate) const SIDE: usize = 12;
+pub(crate) const SIDE: usize = retina_geometry::MAX_DEGREE as usize + 1;
 
 /// A polynomial of `degree` in (x, y), and for each power of L up to `irradiance_power` one of `irradiance_degree`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -66,8 +66,13 @@ pub fn points_from_images(
     }
     let known = reports.iter().filter(|report| report.recognised.is_some()).count();
     if 2 * known < reports.len() || known == 0 {
+        let dark = reports.iter().filter(|report| report.detected == 0).count();
+        let mut found = format!("{known} of {} images recognised", reports.len());
+        if dark > 0 {
+            found += &format!("; {dark} without any point of light: dark, or saturated all over");
+        }
         return Err(InputError::new(images, "the pattern does not match the images")
-            .found(format!("{known} of {} images recognised", reports.len()))
+            .found(found)
             .expected(format!("matches that chance makes in fewer than 1 of 1e{} cases", -LOG10_CHANCE_LIMIT))
             .help("are these images of this pattern, in focus and exposed, each named as its screen?"));
     }
@@ -111,8 +116,15 @@ fn listed(
     table.require(&["image", "screen"])?;
     let own = ["image", "screen", "exposure_s"];
     let extra: Vec<String> = table.columns().iter().filter(|c| !own.contains(&c.as_str())).cloned().collect();
-    let mut out = Vec::new();
+    let mut out: Vec<ImageEntry> = Vec::new();
     for row in 0..table.len() {
+        let file = images.join(table.text(row, "image"));
+        if out.iter().any(|entry| entry.file == file) {
+            return Err(InputError::new(list, "the image is listed twice")
+                .cell(table.line(row), "image")
+                .found(format!("`{}`", table.text(row, "image")))
+                .help("exposures are taken for independent: list each once"));
+        }
         let name = table.text(row, "screen");
         let screen = pattern
             .screens
@@ -134,17 +146,25 @@ fn listed(
             }
             cells.push(table.text(row, column).to_owned());
         }
-        out.push(ImageEntry {
-            file: images.join(table.text(row, "image")),
-            screen,
-            exposure_s: table.number_or_empty(row, "exposure_s")?,
-            extra: cells,
-        });
+        out.push(ImageEntry { file, screen, exposure_s: exposure(&table, row)?, extra: cells });
     }
     if out.is_empty() {
         return Err(InputError::new(list, "lists no image"));
     }
     Ok((out, extra))
+}
+
+fn exposure(table: &Table, row: usize) -> Result<Option<f64>, InputError> {
+    let value = table.number_or_empty(row, "exposure_s")?;
+    match value {
+        Some(found) if found <= 0.0 => {
+            Err(InputError::new(table.file(), "the exposure time is not positive")
+                .cell(table.line(row), "exposure_s")
+                .found(found)
+                .expected("seconds above 0, or an empty cell"))
+        }
+        _ => Ok(value),
+    }
 }
 
 fn rows_of(

@@ -184,6 +184,7 @@ fn physical_json(physical: &PhysicalFit, setup: &Setup) -> Value {
         },
         "roll_deg": with_sigma(physical.roll_rad.to_degrees(), physical.roll_sigma_rad.to_degrees()),
         "scale": with_sigma(physical.scale, physical.scale_sigma),
+        "scale_x_over_y": physical.aspect,
         "k1": with_sigma(physical.radial[0].0, physical.radial[0].1),
         "k2": with_sigma(physical.radial[1].0, physical.radial[1].1),
         "rms_arcsec_per_axis": physical.rms_arcsec,
@@ -302,18 +303,20 @@ pub fn text_summary(result: &GeometryCalibration, setup: &Setup) -> String {
             let k = setup.facility_pinhole();
             let _ = writeln!(
                 text,
-                "centre of distortion ({:+.2} +- {:.2}, {:+.2} +- {:.2}) px from the screen's (decentring looks the same); roll {:.4} deg; scale {:.6}; k1 {:.4} +- {:.4}",
+                "centre of distortion ({:+.2} +- {:.2}, {:+.2} +- {:.2}) px from the screen's (decentring looks the same); roll {:.4} deg; scale {:.6}, x over y {:.6}; k1 {:.4} +- {:.4}; {:.2} arcsec per axis left",
                 p.center_on_screen.x * k.fx_px,
                 p.center_sigma.x * k.fx_px,
                 p.center_on_screen.y * k.fy_px,
                 p.center_sigma.y * k.fy_px,
                 p.roll_rad.to_degrees(),
                 p.scale,
+                p.aspect,
                 p.radial[0].0,
-                p.radial[0].1
+                p.radial[0].1,
+                p.rms_arcsec
             );
         }
-        None => text.push_str("the distortion is too weak to tell where its centre lies\n"),
+        None => text.push_str("where the distortion's centre lies cannot be told: it is too weak, or not radial (four radial terms about a free centre were tried)\n"),
     }
     text
 }

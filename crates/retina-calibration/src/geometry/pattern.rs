@@ -132,6 +132,7 @@ impl Pattern {
         };
         let screens = folder.join("screens");
         std::fs::create_dir_all(&screens).map_err(|error| failed(&screens, &error))?;
+        self.check_alone(&screens)?;
         for screen in &self.screens {
             let path = screens.join(&screen.file);
             let bytes = self.png(screen, setup).map_err(|error| failed(&path, &error))?;
@@ -163,6 +164,22 @@ impl Pattern {
         );
         let path = folder.join("pattern.toml");
         write_atomic(&path, head.as_bytes()).map_err(|error| failed(&path, &error))
+    }
+
+    /// Whoever shows all files of the folder shows this pattern and no other.
+    fn check_alone(&self, screens: &Path) -> Result<(), InputError> {
+        let entries = std::fs::read_dir(screens)
+            .map_err(|error| InputError::new(screens, format!("cannot be read: {error}")))?;
+        for entry in entries.flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if name.ends_with(".png") && !self.screens.iter().any(|screen| screen.file == name) {
+                return Err(InputError::new(screens, "holds a screen of another pattern")
+                    .found(format!("`{name}`"))
+                    .expected(format!("no file, or a pattern of {} screens", self.screens.len()))
+                    .help("name an empty folder, or remove the old pattern"));
+            }
+        }
+        Ok(())
     }
 
     fn png(&self, screen: &PatternScreen, setup: &Setup) -> Result<Vec<u8>, png::EncodingError> {

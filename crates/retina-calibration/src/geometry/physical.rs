@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use super::noise::Weights;
 use super::observations::Observations;
 
-/// r_u = t + M [(r - c) (1 + k1 q + k2 q^2) + c], q = |r - c|^2, M a rotation times a scale: the physical model beside
-/// the polynomial. That the centre is off the boresight and that lenses are decentred gives the same
+/// r_u = t + M [(r - c) (1 + k1 q + k2 q^2 + k3 q^3 + k4 q^4) + c], q = |r - c|^2, M any matrix, since a display's
+/// pixels need not be square: the physical model beside the polynomial. That the centre is off the boresight and that lenses are decentred gives the same
 /// mapping to first order (p = k1 times the shift): the two are one figure here.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhysicalFit {
@@ -19,46 +19,62 @@ pub struct PhysicalFit {
     pub roll_rad: f64,
     /// Standard deviation of the roll, rad.
     pub roll_sigma_rad: f64,
-    /// Scale of undistorted over measured lines of sight at the centre: f of K_f is so much too short.
+    /// Scale of undistorted over measured lines of sight at the centre, the mean of x and y: f of K_f is so much too
+    /// short.
     pub scale: f64,
+    /// Scale along x over that along y: 1 where K_f has the shape of the display's pixels.
+    pub aspect: f64,
     /// Standard deviation of the scale.
     pub scale_sigma: f64,
-    /// Radial coefficients k1, k2 of D^-1 and their standard deviations.
-    pub radial: [(f64, f64); 2],
+    /// Radial coefficients k1 to k4 of D^-1 and their standard deviations.
+    pub radial: [(f64, f64); RADIAL],
     /// c, tangent plane.
     pub center: DVec2,
     /// Where c is on the screen from K_f's optical centre, in units of the tangent plane; times f_x, f_y: px.
     pub center_on_screen: DVec2,
     /// Standard deviation of each of its components.
     pub center_sigma: DVec2,
-    /// Root of the mean square of the residuals that its 8 parameters leave, arcsec, per axis, weighted.
+    /// Root of the mean square of the residuals that its 12 parameters leave, arcsec, per axis, weighted.
     pub rms_arcsec: f64,
 }
 
-/// Parameters: t_x, t_y, a, b (M = [[a, -b], [b, a]]), k1, k2, c_x, c_y.
-const COUNT: usize = 8;
-/// Significance of k1 below which no centre can be found.
-const LEAST_RADIAL_SIGMAS: f64 = 5.0;
+/// Radial terms: those of a facility of stock doublets need four.
+const RADIAL: usize = 4;
+/// Where the first radial term stands among the parameters: t_x, t_y, M's columns, then k1 to k4 of q over [`Q_UNIT`],
+/// then c_x, c_y.
+const FIRST_RADIAL: usize = 6;
+/// Parameters.
+const COUNT: usize = FIRST_RADIAL + RADIAL + 2;
+/// Where the centre stands among them.
+const CENTRE: usize = FIRST_RADIAL + RADIAL;
+/// The radial terms' unit of q, so that none is tiny: (8 deg)^2.
+const Q_UNIT: f64 = 0.02;
+/// A centre that is not known to this (a tenth of the field's half width) is none, tangent plane.
+const WIDEST_SIGMA: f64 = 0.02;
+
+fn matrix(p: &[f64; COUNT]) -> DMat2 {
+    DMat2::from_cols(DVec2::new(p[2], p[3]), DVec2::new(p[4], p[5]))
+}
 
 fn model(p: &[f64; COUNT], r: DVec2) -> (DVec2, [DVec2; COUNT]) {
-    let m = DMat2::from_cols(DVec2::new(p[2], p[3]), DVec2::new(-p[3], p[2]));
-    let center = DVec2::new(p[6], p[7]);
+    let m = matrix(p);
+    let center = DVec2::new(p[CENTRE], p[CENTRE + 1]);
     let u = r - center;
-    let q = u.length_squared();
-    let gain = 1.0 + p[4] * q + p[5] * q * q;
+    let q = u.length_squared() / Q_UNIT;
+    let radial = &p[FIRST_RADIAL..CENTRE];
+    // 1 + q (k1 + q (k2 + ...)), and its derivative by q.
+    let gain = 1.0 + radial.iter().rev().fold(0.0, |sum, k| (sum + k) * q);
+    let by_q: f64 = radial.iter().enumerate().map(|(i, k)| (i + 1) as f64 * k * q.powi(i as i32)).sum();
     let v = u * gain + center;
-    let slope = 2.0 * (p[4] + 2.0 * p[5] * q);
+    let slope = 2.0 * by_q / Q_UNIT;
     let along = |axis: DVec2| m * (axis * (1.0 - gain) - u * (slope * u.dot(axis)));
-    let rows = [
-        DVec2::X,
-        DVec2::Y,
-        v,
-        DVec2::new(-v.y, v.x),
-        m * u * q,
-        m * u * (q * q),
-        along(DVec2::X),
-        along(DVec2::Y),
-    ];
+    let mut rows = [DVec2::ZERO; COUNT];
+    rows[..2].copy_from_slice(&[DVec2::X, DVec2::Y]);
+    rows[2..FIRST_RADIAL].copy_from_slice(&[DVec2::X * v.x, DVec2::Y * v.x, DVec2::X * v.y, DVec2::Y * v.y]);
+    for (i, row) in rows[FIRST_RADIAL..CENTRE].iter_mut().enumerate() {
+        *row = m * u * q.powi(i as i32 + 1);
+    }
+    rows[CENTRE..].copy_from_slice(&[along(DVec2::X), along(DVec2::Y)]);
     (DVec2::new(p[0], p[1]) + m * v, rows)
 }
 
@@ -66,7 +82,8 @@ impl PhysicalFit {
     /// Fits `target`, undistorted lines of sight without their dependence on irradiance, by Gauss-Newton with the
     /// weights of the polynomial. `None` where it does not converge or the distortion is too weak to have a centre.
     pub(crate) fn fit(observations: &Observations, target: &[DVec2], weights: &Weights) -> Option<Self> {
-        let mut p = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let mut p = [0.0; COUNT];
+        (p[2], p[5]) = (1.0, 1.0);
         let mut covariance = Mat::<f64>::zeros(COUNT, COUNT);
         let (mut squares, mut total) = (0.0, 0.0);
         let mut converged = false;
@@ -74,12 +91,13 @@ impl PhysicalFit {
             let (normal, right, sums) = normal_equations(&p, observations, target, weights);
             (squares, total) = sums;
             // Without distortion yet, the centre has no effect: it is held until there is one.
-            let free = if p[4] == 0.0 { 6 } else { COUNT };
+            let free = if p[FIRST_RADIAL] == 0.0 { CENTRE } else { COUNT };
             let part = Mat::<f64>::from_fn(free, free, |i, j| normal[(i, j)]);
             let decomposed = part.llt(Side::Lower).ok()?;
             let step = decomposed.solve(&Mat::<f64>::from_fn(free, 1, |i, _| right[i]));
             // A centre outside the field is no centre; steps are kept within a fraction of it.
-            let wild = if free == COUNT { step[(6, 0)].hypot(step[(7, 0)]) / 0.05 } else { 0.0 };
+            let wild =
+                if free == COUNT { step[(CENTRE, 0)].hypot(step[(CENTRE + 1, 0)]) / 0.05 } else { 0.0 };
             let mut largest = 0.0f64;
             for (i, value) in p.iter_mut().enumerate().take(free) {
                 let change = step[(i, 0)] / wild.max(1.0);
@@ -95,17 +113,26 @@ impl PhysicalFit {
             }
         }
         let sigma = |i: usize| covariance[(i, i)].sqrt();
-        if !converged || p[4].abs() < LEAST_RADIAL_SIGMAS * sigma(4) {
+        if !converged || sigma(CENTRE).max(sigma(CENTRE + 1)) > WIDEST_SIGMA {
             return None;
         }
-        let scale = p[2].hypot(p[3]);
         // The image of c is t + M c; its derivatives by the parameters.
-        let center = DVec2::new(p[6], p[7]);
-        let m = DMat2::from_cols(DVec2::new(p[2], p[3]), DVec2::new(-p[3], p[2]));
+        let center = DVec2::new(p[CENTRE], p[CENTRE + 1]);
+        let m = matrix(&p);
+        let scale = 0.5 * (m.x_axis.length() + m.y_axis.length());
+        // Of independent columns, near enough to a rotation: half of the sum and of the difference.
+        let half = |i: usize, j: usize, sign: f64| {
+            0.5 * (covariance[(i, i)] + covariance[(j, j)] + 2.0 * sign * covariance[(i, j)]).sqrt()
+        };
         let mut derivative = [DVec2::ZERO; COUNT];
         (derivative[0], derivative[1]) = (DVec2::X, DVec2::Y);
-        (derivative[2], derivative[3]) = (center, DVec2::new(-center.y, center.x));
-        (derivative[6], derivative[7]) = (m.x_axis, m.y_axis);
+        derivative[2..FIRST_RADIAL].copy_from_slice(&[
+            DVec2::X * center.x,
+            DVec2::Y * center.x,
+            DVec2::X * center.y,
+            DVec2::Y * center.y,
+        ]);
+        (derivative[CENTRE], derivative[CENTRE + 1]) = (m.x_axis, m.y_axis);
         let variance = |axis: usize| -> f64 {
             let mut sum = 0.0;
             for i in 0..COUNT {
@@ -117,11 +144,14 @@ impl PhysicalFit {
         };
         Some(Self {
             shift: DVec2::new(p[0], p[1]),
-            roll_rad: p[3].atan2(p[2]),
-            roll_sigma_rad: sigma(3) / scale,
+            roll_rad: (p[3] - p[4]).atan2(p[2] + p[5]),
+            roll_sigma_rad: half(3, 4, -1.0) / scale,
             scale,
-            scale_sigma: sigma(2),
-            radial: [(p[4], sigma(4)), (p[5], sigma(5))],
+            scale_sigma: half(2, 5, 1.0),
+            aspect: m.x_axis.length() / m.y_axis.length(),
+            radial: std::array::from_fn(|i| {
+                [p[FIRST_RADIAL + i], sigma(FIRST_RADIAL + i)].map(|k| k / Q_UNIT.powi(i as i32 + 1)).into()
+            }),
             center,
             center_on_screen: DVec2::new(p[0], p[1]) + m * center,
             center_sigma: DVec2::new(variance(0).sqrt(), variance(1).sqrt()),

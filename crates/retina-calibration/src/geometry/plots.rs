@@ -27,6 +27,15 @@ fn percentile(values: &mut [f64], share: f64) -> f64 {
     *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
+/// What the chosen form is called beside the plain one.
+fn chosen_form(result: &GeometryCalibration) -> &'static str {
+    if result.form.irradiance_power == 0 {
+        "chosen: no irradiance terms"
+    } else {
+        "with irradiance terms (Fig. 10a)"
+    }
+}
+
 fn over_magnitude(result: &GeometryCalibration, plain: &GeometryCalibration) -> String {
     let magnitude = |point: &PointResult| result.brightest_magnitude - 2.5 * point.log10_irradiance;
     let largest = {
@@ -35,9 +44,7 @@ fn over_magnitude(result: &GeometryCalibration, plain: &GeometryCalibration) -> 
     };
     let mut figure = Figure::new("Error of exposures left out", 1, 2, PANEL_PX);
     for (column, (of, title)) in
-        [(result, "with irradiance terms (Fig. 10a)"), (plain, "plain polynomial (Fig. 10b)")]
-            .into_iter()
-            .enumerate()
+        [(result, chosen_form(result)), (plain, "plain polynomial (Fig. 10b)")].into_iter().enumerate()
     {
         let y = Axis::linear("line of sight error (arcsec)").range(0.0, largest);
         let mut panel = Panel::new(Axis::linear("magnitude"), y).title(title);
@@ -70,7 +77,7 @@ fn distribution(result: &GeometryCalibration, plain: &GeometryCalibration) -> St
         errors.sort_by(f64::total_cmp);
         errors
     };
-    let both = [("with irradiance terms", sorted(result), PALETTE[0]), ("plain", sorted(plain), PALETTE[1])];
+    let both = [(chosen_form(result), sorted(result), PALETTE[0]), ("plain", sorted(plain), PALETTE[1])];
     for (_, errors, _) in &both {
         largest = largest.max(errors.get(errors.len() * 995 / 1000).copied().unwrap_or(1.0));
     }

@@ -110,7 +110,13 @@ impl PointsTable {
 
     fn append(&mut self, path: &Path) -> Result<(), InputError> {
         let text = read_text(path)?;
-        self.files.push((path.to_path_buf(), hash_bytes(text.as_bytes())));
+        let hash = hash_bytes(text.as_bytes());
+        if let Some((other, _)) = self.files.iter().find(|(_, other)| *other == hash) {
+            return Err(InputError::new(path, "the table is given twice")
+                .found(format!("the same content as {}", other.display()))
+                .help("errors are taken for independent: give each once"));
+        }
+        self.files.push((path.to_path_buf(), hash));
         let table = Table::parse(path, &text)?;
         table.require(&KNOWN[..6])?;
         let mut index: HashMap<String, usize> = HashMap::new();

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use retina_diagnosis::{compare, compare_json, compare_text};
+use retina_diagnosis::{compare, compare_json, compare_page, compare_text};
 
 use super::workbench::Input;
 use crate::failure::Failure;
@@ -18,6 +18,9 @@ pub(crate) struct Arguments {
     /// Draws the errors over the field and against the columns.
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
+    /// Writes a page with plots and figures, which opens offline.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Print a JSON document on standard output.
     #[arg(long)]
     json: bool,
@@ -27,11 +30,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.svg {
         crate::check_file(path, "svg")?;
     }
+    if let Some(path) = &arguments.report {
+        crate::check_file(path, "html")?;
+    }
     let (_, data) = arguments.input.read()?;
     let added = super::workbench::added(&arguments.effects, &data)?;
     let result = compare(&data, &added);
     if let Some(path) = &arguments.svg {
         retina_diagnosis::write_figure(path, &data, &added)?;
+    }
+    if let Some(path) = &arguments.report {
+        compare_page(&data, &added, &result).write(path)?;
     }
     match arguments.json {
         true => print_json(&compare_json(&data, &result)),

@@ -1,6 +1,10 @@
 //! `retina diagnose`.
 
-use retina_diagnosis::{DiagnoseOptions, diagnose, diagnose_json, diagnose_text};
+use std::path::PathBuf;
+
+use retina_diagnosis::{
+    DiagnoseOptions, diagnose, diagnose_json, diagnose_page, diagnose_text, unexplained_shapes,
+};
 
 use super::workbench::Input;
 use crate::failure::Failure;
@@ -19,16 +23,26 @@ pub(crate) struct Arguments {
     /// Seed of the flips.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Writes a page with plots and figures, which opens offline.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Print a JSON document on standard output.
     #[arg(long)]
     json: bool,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(path) = &arguments.report {
+        crate::check_file(path, "html")?;
+    }
     let (_, data) = arguments.input.read()?;
     let added = super::workbench::added(&arguments.effects, &data)?;
     let options = DiagnoseOptions { flips: arguments.flips as usize, seed: arguments.seed };
     let result = diagnose(&data, &added, &options);
+    if let Some(path) = &arguments.report {
+        let shapes = unexplained_shapes(&data, &added, &result)?;
+        diagnose_page(&data, &added, &result, &shapes).write(path)?;
+    }
     match arguments.json {
         true => print_json(&diagnose_json(&data, &result)),
         false => print_lines(&diagnose_text(&data, &result)),

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use retina_calibration::geometry::PointsTable;
-use retina_diagnosis::{fit, fit_json, fit_text, write_model, write_predictions};
+use retina_diagnosis::{fit, fit_json, fit_page, fit_text, write_model, write_predictions};
 
 use super::workbench::Input;
 use crate::failure::Failure;
@@ -22,6 +22,9 @@ pub(crate) struct Arguments {
     /// Writes baseline, effect and error of every row.
     #[arg(long, value_name = "FILE")]
     predictions: Option<PathBuf>,
+    /// Writes a page with plots and figures, which opens offline.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Print a JSON document on standard output.
     #[arg(long)]
     json: bool,
@@ -34,6 +37,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.predictions {
         crate::check_file(path, "csv")?;
     }
+    if let Some(path) = &arguments.report {
+        crate::check_file(path, "html")?;
+    }
     let (setup, data) = arguments.input.read()?;
     let added = super::workbench::added(&arguments.effects, &data)?;
     let result = fit(&data, &added)?;
@@ -44,6 +50,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if let Some(path) = &arguments.predictions {
         write_predictions(path, &data, &result)?;
+    }
+    if let Some(path) = &arguments.report {
+        fit_page(&data, &added, &result).write(path)?;
     }
     match arguments.json {
         true => print_json(&fit_json(&data, &result)),

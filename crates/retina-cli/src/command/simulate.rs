@@ -136,11 +136,11 @@ pub(crate) struct PointsArguments {
 pub(crate) struct PowerArguments {
     #[command(flatten)]
     common: Common,
-    /// Digital counts [default: 16 from 16 to 255].
+    /// Digital counts [default: 4, 8, 12 and 16 from 16 to 255].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..))]
     counts: Vec<u8>,
-    /// Sides of the lit squares; 0 is a dark reading.
-    #[arg(long, value_delimiter = ',', default_values_t = [0, 50, 100, 200])]
+    /// Sides of the lit squares, parted by commas; 0 is a dark reading.
+    #[arg(long, value_delimiter = ',', default_values_t = [0, 50, 100, 200, 600])]
     squares: Vec<u32>,
     /// Times that all of it is measured.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=1000))]
@@ -230,12 +230,17 @@ impl Common {
         let effects: Vec<Effect> =
             self.effects.iter().map(|text| Effect::parse(text)).collect::<Result<_, _>>()?;
         let facility = Facility::new(&setup, &effects, table, length_s, self.seed)?;
-        std::fs::create_dir_all(&self.out)
-            .map_err(|error| InputError::new(&self.out, format!("the folder cannot be made: {error}")))?;
         Ok(facility)
     }
 
+    /// Makes the folder for the result: after everything that can be refused.
+    fn make_folder(&self) -> Result<(), Failure> {
+        std::fs::create_dir_all(&self.out)
+            .map_err(|error| InputError::new(&self.out, format!("the folder cannot be made: {error}")).into())
+    }
+
     fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Failure> {
+        self.make_folder()?;
         let path = self.out.join(name);
         write_atomic(&path, bytes)
             .map_err(|error| InputError::new(&path, format!("cannot be written: {error}")).into())
@@ -282,6 +287,7 @@ fn points(arguments: &PointsArguments) -> Result<(), Failure> {
     };
     let common = &arguments.common;
     let facility = common.facility(Table::Points, options.length_s())?;
+    common.make_folder()?;
     let bar = bar(u64::from(arguments.exposures), "exposures");
     let keep = arguments.images.then_some(common.out.as_path());
     let result = simulate_points(&facility, &options, keep, |done| bar.set_position(done as u64))?;
@@ -297,7 +303,15 @@ fn points(arguments: &PointsArguments) -> Result<(), Failure> {
     common.finish(
         "points",
         &facility,
-        json!({"points": result.table.rows.len(), "shown": result.shown, "exposure_s": result.exposures_s}),
+        json!({
+            "points": result.table.rows.len(),
+            "shown": result.shown,
+            "exposure_s": result.exposures_s,
+            "interval_s": options.interval_s,
+            "temperature": format!("{:?}", options.temperature),
+            "channel": options.channel.name(),
+            "centroid": format!("{:?}", options.centroid),
+        }),
     )
 }
 
@@ -323,7 +337,13 @@ fn power(arguments: &PowerArguments) -> Result<(), Failure> {
     let readings = simulate_power(&facility, &options)?;
     common.write("power.csv", PowerReading::csv(&readings).as_bytes())?;
     tell!("{}: {} readings", common.out.join("power.csv").display(), readings.len());
-    common.finish("power", &facility, json!({"readings": readings.len()}))
+    let summary = json!({
+        "readings": readings.len(),
+        "counts": options.counts,
+        "squares_px": options.squares_px,
+        "series": options.series,
+    });
+    common.finish("power", &facility, summary)
 }
 
 fn frames(arguments: &FramesArguments) -> Result<(), Failure> {

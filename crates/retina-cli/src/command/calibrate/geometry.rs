@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use retina_calibration::geometry::{
-    self, CalibrateOptions, ImageReport, PointsTable, calibrate, points_from_images, text_summary, to_json,
+    self, CalibrateOptions, ImageReport, Pattern, PointsTable, calibrate, points_from_images, text_summary,
+    to_json,
 };
 use retina_files::InputError;
 use retina_geometry::Setup;
@@ -53,7 +54,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "L", allow_negative_numbers = true)]
     reference_log10_irradiance: Option<f64>,
     /// How points in images are placed.
-    #[arg(long, value_enum, default_value = "windowed", requires = "images")]
+    #[arg(long, value_enum, default_value = "windowed")]
     centroid: CentroidName,
     /// Gain of the camera, electrons per digital number: the light's own noise enters the centroids' sigma.
     #[arg(long, value_name = "E_PER_DN", requires = "images")]
@@ -78,11 +79,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     {
         path.as_ref().map_or(Ok(()), |path| crate::check_file(path, extension))?;
     }
+    let inputs = arguments.data.iter().chain([&arguments.setup]).chain(&arguments.response);
+    crate::check_apart(
+        inputs,
+        [
+            Some(&arguments.out),
+            arguments.points_out.as_ref(),
+            arguments.residuals.as_ref(),
+            arguments.report.as_ref(),
+        ],
+        Some(&arguments.out),
+    )?;
     let setup = Setup::read(&arguments.setup)?;
     let (table, reports) = points(arguments, &setup)?;
-    if let Some(path) = &arguments.points_out {
-        table.write(path)?;
-    }
     let options = CalibrateOptions {
         plain: arguments.plain,
         form: None,
@@ -90,6 +99,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         response: response(arguments, &setup)?,
     };
     let result = calibrate(&table, &setup, &options)?;
+    if let Some(path) = &arguments.points_out {
+        table.write(path)?;
+    }
     geometry::write_calibration(&arguments.out, &result, &table, &setup)?;
     if let Some(path) = &arguments.residuals {
         geometry::write_residuals(path, &result, &table)?;
@@ -145,9 +157,19 @@ fn points(arguments: &Arguments, setup: &Setup) -> Result<(PointsTable, Vec<Imag
         CentroidName::Windowed => Centroid::Windowed,
         CentroidName::Moments => Centroid::Moments,
     };
+    if let Some(gain) = arguments.gain_e_per_dn.filter(|gain| !(gain.is_finite() && *gain > 0.0)) {
+        return Err(InputError::new(Path::new("--gain-e-per-dn"), "is not a positive number")
+            .found(gain)
+            .into());
+    }
     let detect =
         DetectOptions { centroid, gain_e_per_dn: arguments.gain_e_per_dn, ..DetectOptions::default() };
     let (table, reports) = points_from_images(images, pattern, setup, &detect)?;
+    let shown = Pattern::read(pattern, setup)?;
+    let missing = shown.screens.iter().filter(|s| !reports.iter().any(|r| r.screen == s.file)).count();
+    if missing > 0 {
+        tell!("warning: {missing} of the pattern's {} screens have no image", shown.screens.len());
+    }
     for report in &reports {
         match report.recognised {
             Some((matched, _)) => tell!(

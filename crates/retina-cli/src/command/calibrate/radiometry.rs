@@ -45,6 +45,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             .help("make it, or name another for --figures")
             .into());
     }
+    let inputs = arguments.data.iter().chain([&arguments.setup]).chain(&arguments.for_setup);
+    crate::check_apart(inputs, [arguments.out.as_ref(), arguments.report.as_ref()], None)?;
     let measured = Setup::read(&arguments.setup)?;
     let mut calibrated = RadiometricCalibration::fit(&measured, PowerReadings::read(&arguments.data)?)?;
     let other = arguments.for_setup.as_deref().map(Setup::read).transpose()?;

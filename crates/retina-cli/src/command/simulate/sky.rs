@@ -60,6 +60,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let calibration =
         arguments.calibration.as_deref().map(|path| Calibration::read(path, &facility.setup)).transpose()?;
     let result = compare_with_sky(&facility, calibration.as_ref(), &options)?;
+    common.make_folder()?;
     for (name, frame) in [("bench.png", &result.bench), ("sky.png", &result.sky)] {
         image(frame, &facility.setup).write_png(&common.out.join(name))?;
     }
