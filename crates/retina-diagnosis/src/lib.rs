@@ -11,6 +11,7 @@ mod compare;
 mod data;
 mod diagnose;
 mod estimate;
+mod field;
 mod figure;
 mod fit;
 mod formula;
@@ -21,6 +22,7 @@ mod noise;
 mod output;
 mod score;
 mod screens;
+mod series;
 mod user;
 
 pub use catalogue::{Effect, effects};
