@@ -1,8 +1,9 @@
 //! How far a model is from the data: errors against the noise, the worst groups, what the errors depend on.
 
 use crate::data::{ARCSEC_PER_RAD, Dataset, TableKind};
+use crate::diagnose::MOST_ROWS;
 use crate::noise::Weights;
-use crate::score::{Frame, flips};
+use crate::score::{Flips, Frame};
 use crate::screens::{columns_of, screen_p_values, screens};
 use crate::user::{AddedEffect, adjusted};
 
@@ -67,14 +68,19 @@ pub struct Comparison {
 
 /// Compares baseline and added effects with the data.
 pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
+    let fitted_part = data.fitted_part();
+    let data = fitted_part.as_ref().unwrap_or(data);
+    let screened_part = data.thinned(MOST_ROWS);
+    let notes = screened_part.as_ref().unwrap_or(data).notes.clone();
+    let screened = adjusted(screened_part.as_ref().unwrap_or(data), added);
+    let frame = Frame::fitted(&screened.data, &screened.base);
+    let all = screens(&frame);
+    let flips = Flips::draw(&screened.data, FLIPS, 1);
+    let p = screen_p_values(&all, &flips);
     let adjusted = adjusted(data, added);
     let data = &adjusted.data;
     let n = data.components();
     let fit = crate::noise::robust_fit(data, &adjusted.base);
-    let frame = Frame::weighted(data, &adjusted.base, fit.weights.clone());
-    let all = screens(&frame);
-    let flips = flips(data.groups.len(), FLIPS, 1);
-    let p = screen_p_values(&all, &flips);
     let total: f64 = frame.error.iter().map(|e| e * e).sum();
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|&a, &b| {
@@ -102,13 +108,13 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
         outliers: fit.weights.outlier.iter().filter(|out| **out).count(),
         saturated: data.saturated,
         rms: fit.weights.rms(n, &fit.residual),
-        noise_floor: floor(data, &adjusted.base, &flips),
+        noise_floor: floor(&screened.data, &screened.base, &flips),
         jitter: fit.weights.jitter_variance.sqrt(),
         percentiles,
         fraction_within_10_arcsec: (data.kind == TableKind::Points).then_some(within),
         worst_groups: worst(data, &fit.residual, &fit.weights),
         dependence,
-        notes: data.notes.clone(),
+        notes,
     }
 }
 
@@ -129,7 +135,7 @@ fn length(data: &Dataset, residual: &[f64], row: usize) -> f64 {
 }
 
 /// The noise that is left when all that the screens see has been taken out.
-pub(crate) fn floor(data: &Dataset, base: &[Vec<f64>], flips: &[Vec<bool>]) -> f64 {
+pub(crate) fn floor(data: &Dataset, base: &[Vec<f64>], flips: &Flips) -> f64 {
     let mut columns = base.to_vec();
     for _ in 0..MOST_SCREENS {
         let frame = Frame::fitted(data, &columns);

@@ -7,8 +7,9 @@ use crate::data::Dataset;
 use crate::estimate::{Parameter, estimate};
 use crate::next::{NextMeasurement, propose};
 use crate::noise::Weights;
-use crate::score::{Frame, HeldOut, Score, flips, p_values};
-use crate::screens::{screen_p_values, screens};
+use crate::score::{Flips, Frame, HeldOut, Score, p_values};
+use crate::screens::{columns_of, screen_p_values, screens};
+use crate::series::{Outlying, outlying};
 use crate::user::AddedEffect;
 
 /// What is asked of a diagnosis.
@@ -27,17 +28,26 @@ impl Default for DiagnoseOptions {
 }
 
 /// Level of the first test over all effects, and over all screens: together below 5 %.
-const LEVEL_FIRST: [f64; 2] = [0.025, 0.01];
+const LEVEL_FIRST: [f64; 2] = [0.02, 0.01];
 /// Level of later ones.
-const LEVEL_LATER: [f64; 2] = [0.01, 0.01];
+const LEVEL_LATER: [f64; 2] = [0.01, 0.005];
 /// A competitor stays in the set while the best effect adds nothing to it at this level.
 const LEVEL_SET: f64 = 0.02;
+/// Standard errors of the held-out error by which a form has to be better with its further columns.
+pub(crate) const REFINED: f64 = 1.0;
+/// Standard errors by which a rival of the same class is worse when it is left out of the set.
+const CLEARLY_WORSE: f64 = 2.5;
 /// An effect or structure weaker than this, rms over noise, is not reported.
-const FLOOR_NOISE: f64 = 0.04;
+const FLOOR_NOISE: f64 = 0.025;
 /// Nor is one weaker than this part of what was accepted: forms are leading ones.
 const FLOOR_ACCEPTED: f64 = 0.05;
-/// Rows that a diagnosis looks at: their columns take about half a gigabyte.
-const MOST_ROWS: usize = 50_000;
+/// Rows that are searched and screened: their columns take about half a gigabyte.
+pub(crate) const MOST_ROWS: usize = 50_000;
+/// The effect that is a whole group's own, and the level of its test; its forms are in the groups' order.
+const WHOLE_GROUP: &str = "attenuator_not_changed";
+const LEVEL_GROUP: f64 = 0.005;
+/// A label that is wrong is a factor of 2 and more; a tenth of that may be a series' own error.
+const FLOOR_GROUP: f64 = 0.1;
 /// More shapes than this are a search.
 const SEARCHED: usize = 12;
 /// Most effects that are accepted.
@@ -146,6 +156,8 @@ struct Ranked {
     strength: f64,
     held_out: HeldOut,
     refined: bool,
+    /// Columns of the form, and one more where it was searched for among many.
+    columns: usize,
 }
 
 /// Diagnoses a table; `added` effects belong to the model already.
@@ -156,7 +168,7 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
     let (prepared, not_testable) = prepare(data, added);
     let adjusted = crate::user::adjusted(data, added);
     let data = &adjusted.data;
-    let flips = flips(data.groups.len(), options.flips, options.seed);
+    let flips = Flips::draw(data, options.flips, options.seed);
     if data.groups.len() < 8 {
         notes.push(format!(
             "{} groups can be flipped in {} ways: no p-value below {:.3} is possible; measure more {}",
@@ -173,12 +185,27 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
     let mut excluded = vec![false; prepared.len()];
     let mut strength = 0.0;
     let mut first_ranking: Option<Vec<Ranked>> = None;
+    let group = whole_group(data, &base, &prepared);
+    if let Some((index, found)) = group {
+        excluded[index] = true;
+        if found.p_value <= LEVEL_GROUP && found.offset.abs() >= FLOOR_GROUP {
+            notes.push(format!(
+                "series `{}` is off by a factor of {:.3} (Grubbs' test of the series' levels); nothing tells its factor while it is left out, so that held-out errors do not fall",
+                data.groups[found.group].name,
+                1.0 + found.offset
+            ));
+            base.extend(prepared[index].whole(data, found.group));
+            accepted.push((index, found.group));
+            sets.push(vec![index]);
+        }
+    }
     while accepted.len() < MOST_ACCEPTED {
         let level = if accepted.is_empty() { LEVEL_FIRST[0] } else { LEVEL_LATER[0] };
         let floor = FLOOR_NOISE.max(FLOOR_ACCEPTED * strength);
         let frame = Frame::fitted(data, &base);
         let ranking = rank(&frame, &prepared, &excluded, &flips);
-        let best = pick(&ranking, level, floor);
+        // An unexplained effect that groups have in common is taken for jitter at first, and looks weak beside it.
+        let best = pick(&ranking, level, 0.0);
         let Some(best) = best else {
             first_ranking.get_or_insert(ranking);
             break;
@@ -194,7 +221,7 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
             break;
         };
         let (index, variant) = (best.index, best.variant);
-        let set = confusable(&frame, &base, &prepared, &ranking, best, level, &flips);
+        let set = confusable(&frame, &prepared, &ranking, best, level, &flips);
         strength = f64::hypot(strength, best.strength);
         base.extend(prepared[index].whole(data, variant));
         accepted.push((index, variant));
@@ -224,8 +251,20 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
             let members: Vec<&'static Effect> = set.iter().map(|&i| prepared[i].effect).collect();
             propose(data, &frame.weights, prepared[index].effect, variant, &members)
         });
-    let candidates =
+    let mut candidates =
         candidates(data, &baseline, &prepared, first_ranking.unwrap_or_default(), &frame.weights, &accepted);
+    if let Some((index, found)) = group {
+        let offset = Parameter { name: "factor_less_1".to_owned(), value: found.offset, sigma: None };
+        let number = Parameter { name: "series_number".to_owned(), value: found.group as f64, sigma: None };
+        let candidate = Candidate {
+            effect: prepared[index].effect.id,
+            p_value: found.p_value,
+            heldout_rms: steps[0].1,
+            parameters: vec![offset, number],
+        };
+        let first = accepted.first().is_some_and(|a| a.0 == index);
+        candidates.insert(if first { 0 } else { candidates.len() }, candidate);
+    }
     let mut indistinguishable: Vec<&'static str> = Vec::new();
     for &i in sets.iter().flatten() {
         if !indistinguishable.contains(&prepared[i].effect.id) {
@@ -269,13 +308,20 @@ fn prepare<'a>(data: &'a Dataset, added: &[AddedEffect]) -> (Vec<Prepared<'a>>, 
     (prepared, not)
 }
 
+/// The effect whose forms are one group each, with the group whose level is most off.
+fn whole_group(data: &Dataset, base: &[Vec<f64>], prepared: &[Prepared<'_>]) -> Option<(usize, Outlying)> {
+    let index = prepared.iter().position(|p| p.effect.id == WHOLE_GROUP)?;
+    let error = crate::noise::robust_fit(data, base).residual;
+    Some((index, outlying(data, &error)?))
+}
+
 /// All candidates with p-values and held-out errors, best first.
-fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: &[Vec<bool>]) -> Vec<Ranked> {
+fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: &Flips) -> Vec<Ranked> {
     let open: Vec<usize> = (0..prepared.len()).filter(|&i| !excluded[i]).collect();
-    let scores: Vec<Vec<Score>> = open
-        .iter()
-        .map(|&i| prepared[i].columns.par_iter().map(|columns| frame.score(columns)).collect())
-        .collect();
+    let forms: Vec<&Vec<Vec<f64>>> = open.iter().flat_map(|&i| &prepared[i].columns).collect();
+    let mut all = frame.scores(&forms).into_iter();
+    let scores: Vec<Vec<Score>> =
+        open.iter().map(|&i| all.by_ref().take(prepared[i].columns.len()).collect()).collect();
     let borrowed: Vec<Vec<&Score>> = scores.iter().map(|variants| variants.iter().collect()).collect();
     let p = p_values(&borrowed, flips);
     let mut out: Vec<Ranked> = open
@@ -285,34 +331,45 @@ fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: 
         .filter_map(|((&index, scores), &p_value)| {
             let (variant, score) =
                 scores.iter().enumerate().max_by(|a, b| a.1.deviate().total_cmp(&b.1.deviate()))?;
-            let leading = frame.held_out(&score.directions);
-            let whole = frame.score(&prepared[index].whole(frame.data, variant));
-            let refined = frame.held_out(&whole.directions);
-            let better = whole.rank() > score.rank() && refined.total() < leading.total();
-            let held_out = if better { refined } else { leading };
+            let leading = frame.held_out(&prepared[index].columns[variant]);
+            let mut better = false;
+            let mut held_out = leading;
+            if !prepared[index].variants[variant].further.is_empty() {
+                let refined = frame.held_out(&prepared[index].whole(frame.data, variant));
+                better = held_out.beaten_by(&refined) > REFINED;
+                if better {
+                    held_out = refined;
+                }
+            }
             let strength = score.strength(frame.components());
-            Some(Ranked { index, variant, p_value, strength, held_out, refined: better })
+            let form = &prepared[index].variants[variant];
+            let columns = form.leading.len()
+                + if better { form.further.len() } else { 0 }
+                + usize::from(prepared[index].variants.len() > SEARCHED);
+            Some(Ranked { index, variant, p_value, strength, held_out, refined: better, columns })
         })
         .collect();
     out.sort_by(|a, b| a.held_out.total().total_cmp(&b.held_out.total()));
     out
 }
 
-/// The significant one with the least held-out error that is worth its name.
+/// The significant one that is worth its name, with the fewest columns of those whose held-out error is within a
+/// standard error of the least (L. Breiman et al., Classification and Regression Trees, 1984, sec. 3.4.3).
 fn pick(ranking: &[Ranked], level: f64, floor: f64) -> Option<&Ranked> {
-    ranking.iter().find(|r| r.p_value <= level && r.strength >= floor)
+    let significant = || ranking.iter().filter(|r| r.p_value <= level && r.strength >= floor);
+    let least = significant().next()?;
+    significant().filter(|r| r.held_out.beaten_by(&least.held_out) <= 1.0).min_by_key(|r| r.columns)
 }
 
 /// Candidates beside which the best effect adds nothing: their forms are taken whole, so that a leading form's own
 /// mismatch does not count against them.
 fn confusable(
     frame: &Frame<'_>,
-    base: &[Vec<f64>],
     prepared: &[Prepared<'_>],
     ranking: &[Ranked],
     best: &Ranked,
     level: f64,
-    flips: &[Vec<bool>],
+    flips: &Flips,
 ) -> Vec<usize> {
     let mut out = vec![best.index];
     // A form searched over many shapes can be as near to a simple one as its shapes are dense: it has to do better.
@@ -324,11 +381,12 @@ fn confusable(
     let kept: Vec<bool> = rivals
         .par_iter()
         .map(|rival| {
-            let mut columns = base.to_vec();
-            columns.extend(prepared[rival.index].whole(frame.data, rival.variant));
-            let beside = Frame::weighted(frame.data, &columns, frame.weights.clone());
+            let beside = frame.with(&prepared[rival.index].whole(frame.data, rival.variant));
             let score = beside.score(&prepared[best.index].columns[best.variant]);
-            score.rank() == 0
+            // Of what one ordinary campaign cannot separate it has to be clearly worse.
+            let class = prepared[best.index].effect.class.contains(&prepared[rival.index].effect.id);
+            (class && rival.held_out.beaten_by(&best.held_out) <= CLEARLY_WORSE)
+                || score.rank() == 0
                 || score.strength(beside.components()) < FLOOR_ACCEPTED * best.strength
                 || p_values(&[vec![&score]], flips)[0] > LEVEL_SET
         })
@@ -338,13 +396,7 @@ fn confusable(
 }
 
 /// Screens of what is left, the strongest taken out before the next is looked at.
-fn unexplained(
-    data: &Dataset,
-    base: Vec<Vec<f64>>,
-    level: f64,
-    floor: f64,
-    flips: &[Vec<bool>],
-) -> Unexplained {
+fn unexplained(data: &Dataset, base: Vec<Vec<f64>>, level: f64, floor: f64, flips: &Flips) -> Unexplained {
     let frame = Frame::fitted(data, &base);
     let all = screens(&frame);
     let p = screen_p_values(&all, flips);
@@ -357,11 +409,7 @@ fn unexplained(
     if let Some(&first) = first {
         covariates.extend(all[first].covariates.iter().cloned());
         // What remains beside the strongest names further columns.
-        let mut wider = frame;
-        for q in &all[first].score.directions {
-            wider.basis.push(q.clone());
-        }
-        wider.error = wider.basis.residual(wider.y.clone());
+        let wider = frame.with(&columns_of(data, &all[first].covariates));
         let rest = screens(&wider);
         let p = screen_p_values(&rest, flips);
         for (screen, _) in rest

@@ -23,16 +23,15 @@ pub(crate) struct Estimate {
 
 /// Generalised least squares under given weights; the noise's scale from the errors.
 pub(crate) fn estimate(data: &Dataset, columns: &[Vec<f64>], weights: &Weights) -> Estimate {
-    let basis = Basis::of(columns.iter().map(|column| {
-        let mut column = column.clone();
-        weights.whiten(data, &mut column);
-        column
-    }));
-    let mut y = data.y.clone();
-    weights.whiten(data, &mut y);
+    let mut basis = Basis::spanning(&weights.whitened_field(data));
+    for column in columns {
+        basis.push(weights.whitened(data, column));
+    }
+    let y = weights.whitened(data, &data.y);
     let values = basis.coefficients(&y);
     let error = basis.residual(y);
-    let free = (weights.kept() * data.kind.components()) as f64 - basis.q.len() as f64;
+    let observed = weights.kept() * data.kind.components() + data.field_len();
+    let free = observed as f64 - basis.q.len() as f64;
     // Tukey's weights take some light off good rows: the scale is that of what counts.
     let scale = (dot(&error, &error) / free.max(1.0)).max(f64::MIN_POSITIVE);
     let covariance =

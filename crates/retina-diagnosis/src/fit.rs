@@ -1,9 +1,14 @@
 //! Effects estimated together with the baseline.
 
+use std::path::Path;
+
+use retina_files::InputError;
+
 use crate::data::Dataset;
+use crate::diagnose::MOST_ROWS;
 use crate::estimate::{Parameter, estimate};
 use crate::noise::robust_fit;
-use crate::score::{Frame, flips};
+use crate::score::{Flips, Frame};
 use crate::user::{AddedEffect, Adjusted, adjusted};
 
 /// Effects and baseline fitted to a table.
@@ -31,6 +36,18 @@ pub struct Fit {
     pub(crate) outlier: Vec<bool>,
 }
 
+impl Fit {
+    /// Refuses to write row by row what was fitted to a part of the rows.
+    pub(crate) fn check_covers(&self, path: &Path, data: &Dataset) -> Result<(), InputError> {
+        if !data.in_part && self.outlier.len() == data.len() {
+            return Ok(());
+        }
+        Err(InputError::new(path, "the table is too long to be written row by row")
+            .found(format!("{} rows, of which {} were fitted", data.table_rows, self.outlier.len()))
+            .help("part the table into campaigns"))
+    }
+}
+
 /// Correlations above this are told to the user.
 const HIGH_CORRELATION: f64 = 0.95;
 
@@ -38,7 +55,9 @@ const HIGH_CORRELATION: f64 = 0.95;
 ///
 /// # Errors
 /// A user's formula is not finite, or its parameters cannot be told apart.
-pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, retina_files::InputError> {
+pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
+    let fitted_part = data.fitted_part();
+    let data = fitted_part.as_ref().unwrap_or(data);
     crate::user::check_effects(data, added)?;
     let Adjusted { data: shifted, base, names, owner, shape, start, user_values } = adjusted(data, added);
     let robust = robust_fit(&shifted, &base);
@@ -103,13 +122,15 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, retina_files::I
         let names = added[..count].iter().map(|effect| effect.name().to_owned()).collect();
         steps.push((names, frame.held_out(&[]).rms));
     }
-    let flips = flips(data.groups.len(), 499, 1);
+    let screened_part = data.thinned(MOST_ROWS);
+    let screened = adjusted(screened_part.as_ref().unwrap_or(data), added);
+    let flips = Flips::draw(&screened.data, 499, 1);
     Ok(Fit {
         parameters,
         correlation,
         rms: robust.weights.rms(data.components(), &residual),
         heldout_rms: steps[added.len()].1,
-        noise_floor: crate::compare::floor(&shifted, &base, &flips),
+        noise_floor: crate::compare::floor(&screened.data, &screened.base, &flips),
         steps,
         outliers: robust.weights.outlier.iter().filter(|out| **out).count(),
         notes,

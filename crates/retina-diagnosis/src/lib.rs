@@ -11,6 +11,7 @@ mod compare;
 mod data;
 mod diagnose;
 mod estimate;
+mod field;
 mod figure;
 mod fit;
 mod formula;
@@ -22,6 +23,7 @@ mod output;
 mod report;
 mod score;
 mod screens;
+mod series;
 mod user;
 
 pub use catalogue::{Effect, effects};

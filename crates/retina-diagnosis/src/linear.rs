@@ -3,7 +3,8 @@
 /// A column that keeps less than this of its length beside the ones before it is not independent of them.
 const DEPENDENT: f64 = 1e-6;
 
-/// Orthonormal columns q with the triangle R of the columns they were made of.
+/// Orthonormal columns q with the triangle R of the columns they were made of. Those of [`Basis::spanning`] come first
+/// and have no coefficients.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Basis {
     pub(crate) q: Vec<Vec<f64>>,
@@ -11,9 +12,38 @@ pub(crate) struct Basis {
     triangle: Vec<Option<Vec<f64>>>,
 }
 
-/// Sum of products, in order.
+/// Partial sums of [`dot`]: additions that need not wait for each other.
+const LANES: usize = 8;
+
+/// Sum of products, always in the same order: `LANES` partial sums, then these.
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+    let (mut a_parts, mut b_parts) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let mut sums = [0.0; LANES];
+    for (a, b) in (&mut a_parts).zip(&mut b_parts) {
+        for k in 0..LANES {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    let rest: f64 = a_parts.remainder().iter().zip(b_parts.remainder()).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f64>() + rest
+}
+
+/// Columns side by side as a matrix.
+pub(crate) fn matrix(columns: &[Vec<f64>]) -> faer::Mat<f64> {
+    let rows = columns.first().map_or(0, Vec::len);
+    let mut out = faer::Mat::<f64>::zeros(rows, columns.len());
+    for (j, column) in columns.iter().enumerate() {
+        for (to, from) in out.col_as_slice_mut(j).iter_mut().zip(column) {
+            *to = *from;
+        }
+    }
+    out
+}
+
+/// The lower triangle L of a positive definite matrix, L L^T.
+pub(crate) fn cholesky(a: &faer::Mat<f64>) -> Option<faer::Mat<f64>> {
+    let factor = a.llt(faer::Side::Lower).ok()?;
+    Some(factor.L().to_owned())
 }
 
 impl Basis {
@@ -21,6 +51,43 @@ impl Basis {
         let mut out = Self::default();
         for column in columns {
             out.push(column);
+        }
+        out
+    }
+
+    /// Of many well-conditioned columns: Cholesky's factor of their Gram matrix, twice (Y. Yamamoto et al., Electronic
+    /// Transactions on Numerical Analysis 44, 2015). Their coefficients are not kept.
+    pub(crate) fn spanning(columns: &[Vec<f64>]) -> Self {
+        if columns.is_empty() {
+            return Self::default();
+        }
+        let mut q = matrix(columns);
+        for _ in 0..2 {
+            let gram = q.transpose() * &q;
+            // Without a factor the columns are dependent; Gram and Schmidt leave those out.
+            let Some(l) = cholesky(&gram) else {
+                let mut out = Self::of(columns.iter().cloned());
+                out.triangle.clear();
+                return out;
+            };
+            let mut transposed = q.transpose().to_owned();
+            faer::linalg::triangular_solve::solve_lower_triangular_in_place(
+                l.as_ref(),
+                transposed.as_mut(),
+                faer::Par::Seq,
+            );
+            q = transposed.transpose().to_owned();
+        }
+        Self { q: (0..q.ncols()).map(|j| q.col_as_slice(j).to_vec()).collect(), triangle: Vec::new() }
+    }
+
+    /// R, a row for each q and a column for each that was put in; dependent ones are 0.
+    pub(crate) fn triangle_rows(&self) -> Vec<Vec<f64>> {
+        let mut out = vec![vec![0.0; self.triangle.len()]; self.q.len()];
+        for (column, along) in self.triangle.iter().enumerate() {
+            for (row, value) in along.iter().flatten().enumerate() {
+                out[row][column] = *value;
+            }
         }
         out
     }

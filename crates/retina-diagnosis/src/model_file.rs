@@ -44,6 +44,7 @@ pub fn write_model(
             .expected("effects of the place in the field and of the irradiance")
             .help("leave that effect out of the model file; --predictions holds it"));
     }
+    fit.check_covers(path, data)?;
     if data.roll_rad.len() > 1 {
         return Err(InputError::new(path, "a calibration holds one mounting of the camera")
             .found(format!("{} mountings", data.roll_rad.len()))

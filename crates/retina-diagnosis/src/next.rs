@@ -1,5 +1,7 @@
 //! What to measure next, so that effects which fit alike are told apart.
 
+use std::sync::OnceLock;
+
 use crate::catalogue::Effect;
 use crate::data::Dataset;
 use crate::linear::dot;
@@ -42,6 +44,7 @@ pub(crate) fn propose(
         sigma: weights.sigma.repeat(2),
         jitter_variance: weights.jitter_variance,
         outlier: weights.outlier.repeat(2),
+        field_size: weights.field_size,
     };
     let field = expected(data, weights, &design, best, variant)?;
     let base: Vec<Vec<f64>> = design.baseline_terms().iter().map(|term| design.column(term)).collect();
@@ -107,6 +110,9 @@ fn expected(
 fn repeated(data: &Dataset, action: &str) -> Option<Dataset> {
     let mut out = data.clone();
     let rows = data.len();
+    out.field = OnceLock::new();
+    let again: Vec<usize> = (0..rows).chain(0..rows).collect();
+    out.held = data.held.as_ref().map(|held| held.of_rows(&again));
     out.y.extend_from_slice(&data.y);
     out.order.extend_from_slice(&data.order);
     out.noise_key.extend_from_slice(&data.noise_key);

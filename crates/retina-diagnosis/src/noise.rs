@@ -1,9 +1,13 @@
 //! Weights: noise as a function of brightness, a common error of each group, outliers.
 
+use rayon::prelude::*;
 use retina_calibration::NoiseGroups;
 
+use faer::linalg::solvers::{DenseSolveCore as _, Solve as _};
+
 use crate::data::Dataset;
-use crate::linear::{Basis, dot};
+use crate::field::Field;
+use crate::linear::{Basis, cholesky, dot, matrix};
 
 /// Rows further off than this many sigmas are outliers: of a normal error in the plane 4e-5, on a line 7e-6.
 const OUTLIER_SIGMAS: f64 = 4.5;
@@ -23,6 +27,8 @@ pub(crate) struct Weights {
     /// Variance of the group's common error per component.
     pub(crate) jitter_variance: f64,
     pub(crate) outlier: Vec<bool>,
+    /// Rms of what a calibration that is held fixed cannot follow, in the first degree beyond its own; arcsec.
+    pub(crate) field_size: f64,
 }
 
 /// A robust fit of columns.
@@ -33,6 +39,31 @@ pub(crate) struct RobustFit {
 }
 
 impl Weights {
+    /// V^(-1/2) of a column, followed by the 0 that it is to each part of the calibration's error.
+    pub(crate) fn whitened(&self, data: &Dataset, column: &[f64]) -> Vec<f64> {
+        let mut out = Vec::with_capacity(column.len() + data.field_len());
+        out.extend_from_slice(column);
+        self.whiten(data, &mut out);
+        out.resize(column.len() + data.field_len(), 0.0);
+        out
+    }
+
+    /// Whitened columns of the calibration's error, each with a row that holds it to its own size: least squares over
+    /// both is the mixed model's (C. R. Henderson, Biometrics 31, 1975).
+    pub(crate) fn whitened_field(&self, data: &Dataset) -> Vec<Vec<f64>> {
+        let columns = data.field().map_or_else(Vec::new, |f| f.columns(self.field_size).collect());
+        columns
+            .par_iter()
+            .enumerate()
+            .map(|(k, (column, size))| {
+                let mut out = self.whitened(data, column);
+                out[..column.len()].iter_mut().for_each(|value| *value *= size);
+                out[column.len() + k] = 1.0;
+                out
+            })
+            .collect()
+    }
+
     /// V^(-1/2) of a column in place: root weights, and each group's common part weighed down by
     /// 1 - (1 + variance * sum of weights)^(-1/2).
     pub(crate) fn whiten(&self, data: &Dataset, column: &mut [f64]) {
@@ -126,29 +157,107 @@ pub(crate) fn robust_fit(data: &Dataset, columns: &[Vec<f64>]) -> RobustFit {
         sigma: vec![1.0; rows],
         jitter_variance: 0.0,
         outlier: vec![false; rows],
+        field_size: 0.0,
     };
     let steady = steady_columns(data, columns);
     let mut residual = data.y.clone();
     for round in 0..ROUNDS {
-        let basis = Basis::of(columns.iter().map(|column| {
-            let mut column = column.clone();
-            weights.whiten(data, &mut column);
-            column
-        }));
-        let mut y = data.y.clone();
-        weights.whiten(data, &mut y);
-        let coefficients = basis.coefficients(&y);
-        residual.copy_from_slice(&data.y);
-        for (column, c) in columns.iter().zip(&coefficients) {
-            for (r, value) in residual.iter_mut().zip(column) {
-                *r -= c * value;
-            }
+        if FIELD_ROUNDS.contains(&round) && data.field().is_some_and(|field| !field.modes.is_empty()) {
+            weights.field_size = weights.likeliest_field_size(data, columns);
         }
+        let (fitted, free) = match data.field() {
+            Some(field) => weights.fitted_beside(data, columns, field),
+            None => weights.fitted(data, columns),
+        };
+        residual.iter_mut().zip(&data.y).zip(&fitted).for_each(|((r, y), f)| *r = y - f);
         if round + 1 < ROUNDS {
-            weights.update(data, &residual, n, basis.q.len(), steady, round > 0);
+            weights.update(data, &residual, n, free, steady, round > 0);
         }
     }
     RobustFit { residual, weights }
+}
+
+/// Rounds before which the size of a calibration's own error is estimated: weights have to be known roughly.
+const FIELD_ROUNDS: [usize; 2] = [2, 5];
+/// Sizes that are tried, in units of the median noise.
+const FIELD_SIZES: [f64; 10] = [0.0, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 5.0, 12.0];
+/// The largest size is taken whose -2 ln likelihood is within this of the least: one standard error.
+const FIELD_CAUTION: f64 = 1.0;
+/// Part of a column's square that is added where columns depend on each other.
+const RIDGE: f64 = 1e-11;
+
+impl Weights {
+    /// What the columns fit, and how many they are.
+    fn fitted(&self, data: &Dataset, columns: &[Vec<f64>]) -> (Vec<f64>, f64) {
+        let basis = Basis::of(columns.iter().map(|column| self.whitened(data, column)));
+        let coefficients = basis.coefficients(&self.whitened(data, &data.y));
+        let mut out = vec![0.0; data.y.len()];
+        for (column, c) in columns.iter().zip(&coefficients) {
+            out.iter_mut().zip(column).for_each(|(sum, value)| *sum += c * value);
+        }
+        (out, basis.q.len() as f64)
+    }
+
+    /// The same with a calibration's error; a column of that counts as far as the data determine it.
+    fn fitted_beside(&self, data: &Dataset, columns: &[Vec<f64>], field: &Field) -> (Vec<f64>, f64) {
+        let mut all = self.whitened_field(data);
+        all.extend(columns.iter().map(|column| self.whitened(data, column)));
+        let a = matrix(&all);
+        let mut normal = a.transpose() * &a;
+        for k in 0..all.len() {
+            normal[(k, k)] *= 1.0 + RIDGE;
+        }
+        let y = matrix(&[self.whitened(data, &data.y)]);
+        let right = a.transpose() * &y;
+        let Ok(factor) = normal.llt(faer::Side::Lower) else { return self.fitted(data, columns) };
+        let solution = factor.solve(&right);
+        let inverse = factor.inverse();
+        let free = all.len() as f64 - (0..field.len()).map(|k| inverse[(k, k)]).sum::<f64>();
+        let mut out = vec![0.0; data.y.len()];
+        let sized = field.columns(self.field_size).chain(columns.iter().map(|column| (column, 1.0)));
+        for (k, (column, size)) in sized.enumerate() {
+            let c = size * solution[(k, 0)];
+            out.iter_mut().zip(column).for_each(|(sum, value)| *sum += c * value);
+        }
+        (out, free)
+    }
+
+    /// Size of the calibration's modes by restricted likelihood (D. A. Harville, JASA 72, 1977), the noise's scale
+    /// profiled out.
+    fn likeliest_field_size(&self, data: &Dataset, columns: &[Vec<f64>]) -> f64 {
+        let unit = Self { field_size: 1.0, ..self.clone() };
+        let mut all = unit.whitened_field(data);
+        let (field, length) = (all.len(), data.y.len());
+        let modes = field - data.field().map_or(0, |f| f.modes.len())..field;
+        all.extend(columns.iter().map(|column| self.whitened(data, column)));
+        all.push(self.whitened(data, &data.y));
+        all.iter_mut().for_each(|column| column.truncate(length));
+        let a = matrix(&all);
+        let gram = a.transpose() * &a;
+        let last = all.len() - 1;
+        let free = (self.kept() * data.kind.components()) as f64 - columns.len() as f64;
+        let mut sigmas: Vec<f64> = self.sigma.clone();
+        let middle = sigmas.len() / 2;
+        let noise = *sigmas.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let criterion = |size: f64| {
+            let of = |k: usize| if modes.contains(&k) { size } else { 1.0 };
+            let normal = faer::Mat::<f64>::from_fn(all.len(), all.len(), |i, j| {
+                let held = f64::from(u8::from(i == j && i < field));
+                let ridge = if i == j { 1.0 + RIDGE } else { 1.0 };
+                of(i) * of(j) * gram[(i, j)] * ridge + held
+            });
+            // The last entry of the factor is what y keeps beside all columns.
+            let factor = cholesky(&normal)?;
+            let logarithms: f64 = (0..last).map(|k| factor[(k, k)].ln()).sum();
+            Some(free * 2.0 * factor[(last, last)].ln() + 2.0 * logarithms)
+        };
+        let tried: Vec<(f64, f64)> = FIELD_SIZES
+            .par_iter()
+            .filter_map(|size| criterion(size * noise).map(|c| (size * noise, c)))
+            .collect();
+        let least = tried.iter().map(|t| t.1).fold(f64::INFINITY, f64::min);
+        tried.iter().filter(|t| t.1 <= least + FIELD_CAUTION).map(|t| t.0).fold(0.0, f64::max)
+    }
 }
 
 /// Columns that are constant within each group: what a common error of groups must be told apart from.
@@ -173,7 +282,7 @@ impl Weights {
         data: &Dataset,
         residual: &[f64],
         n: usize,
-        columns: usize,
+        columns: f64,
         steady: usize,
         known: bool,
     ) {
@@ -184,10 +293,10 @@ impl Weights {
                 length[row] = (0..n).map(|a| (residual[row * n + a] - shift[a]).powi(2)).sum::<f64>().sqrt();
             }
         }
-        let free = columns + n * shifts.iter().filter(|s| **s != [0.0; 2]).count();
+        let free = columns + (n * shifts.iter().filter(|s| **s != [0.0; 2]).count()) as f64;
         let groups = NoiseGroups {
             rows: 120,
-            fitted: free as f64 / n as f64,
+            fitted: free / n as f64,
             median_of_normal: MEDIAN_LENGTH[n - 1],
             least: 1e-9,
         };

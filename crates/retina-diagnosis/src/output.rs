@@ -250,6 +250,7 @@ pub fn fit_text(data: &Dataset, result: &Fit) -> Vec<String> {
 /// # Errors
 /// The file cannot be written.
 pub fn write_predictions(path: &Path, data: &Dataset, fit: &Fit) -> Result<(), InputError> {
+    fit.check_covers(path, data)?;
     let n = data.components();
     let mut text = String::from(if data.kind == TableKind::Points {
         "baseline_x_px,baseline_y_px,effect_x_px,effect_y_px,residual_x_px,residual_y_px,outlier\n"

@@ -1,9 +1,7 @@
 //! Screens: what the errors still depend on, whatever the cause.
 
-use rayon::prelude::*;
-
 use crate::data::{Dataset, TableKind};
-use crate::score::{Frame, Score, p_values};
+use crate::score::{Flips, Frame, Score, p_values};
 
 /// A screen and its score.
 pub(crate) struct Screen {
@@ -13,13 +11,19 @@ pub(crate) struct Screen {
 
 /// Degree of the field's screen.
 const FIELD_DEGREE: usize = 5;
+/// Degree of the field's narrower screen: what is smooth shows more clearly among few columns.
+const SMOOTH_DEGREE: usize = 3;
+/// Half cycles over the ranks of time of what swings: shifts alone, beyond what the degrees above follow.
+const SWINGS: std::ops::RangeInclusive<usize> = 4..=24;
+/// Half cycles in a band; bands overlap by half.
+const BAND: usize = 4;
 /// Degree over the ranks of a covariate, for one and two components: the latter have four columns a degree.
 const COVARIATE_DEGREE: [usize; 2] = [8, 4];
 /// Most covariates of which pairs are screened.
 const MOST_PAIRED: usize = 8;
 
 /// Legendre's polynomials P_1..P_degree.
-fn legendre(t: f64, degree: usize) -> Vec<f64> {
+pub(crate) fn legendre(t: f64, degree: usize) -> Vec<f64> {
     let (mut before, mut now) = (1.0, t);
     let mut out = vec![t];
     for n in 1..degree {
@@ -131,10 +135,22 @@ fn definitions(data: &Dataset) -> Vec<(Vec<String>, Vec<Vec<f64>>)> {
             }
             out
         };
-        out.push((
-            vec!["x".into(), "y".into()],
-            field(FIELD_DEGREE).iter().flat_map(|v| on_axes(v)).collect(),
-        ));
+        for degree in [FIELD_DEGREE, SMOOTH_DEGREE] {
+            out.push((vec!["x".into(), "y".into()], field(degree).iter().flat_map(|v| on_axes(v)).collect()));
+        }
+        if let Some(at) = names.iter().position(|name| *name == "time_s") {
+            // A swing that is faster than every second group is not told from another.
+            let most = (*SWINGS.end()).min(data.groups.len() / 2);
+            let swing = |k: usize| -> Vec<f64> {
+                let half_cycles = std::f64::consts::FRAC_PI_2 * k as f64;
+                ranked[at].iter().map(|t| (half_cycles * (t + 1.0)).cos()).collect()
+            };
+            // A swing of any phase lies in a few neighbours: bands of these show it among few columns.
+            for first in (*SWINGS.start()..=most).step_by(BAND / 2) {
+                let columns = (first..=(first + BAND - 1).min(most)).flat_map(|k| on_axes(&swing(k)));
+                out.push((vec!["time_s".to_owned()], columns.collect()));
+            }
+        }
         let low = field(3);
         for (name, rank) in names.iter().zip(&ranked) {
             if name.contains("_phase_") {
@@ -150,6 +166,11 @@ fn definitions(data: &Dataset) -> Vec<(Vec<String>, Vec<Vec<f64>>)> {
                 }
             }
             out.push((vec![(*name).to_owned(), "x".into(), "y".into()], columns));
+            // Terms linear in the place and in the rank alone.
+            let linear = |values: &[f64]| values.iter().zip(rank).map(|(v, t)| v * t).collect::<Vec<f64>>();
+            let places = field(1);
+            let columns = std::iter::once(rank.clone()).chain(places.iter().map(|v| linear(v)));
+            out.push((vec![(*name).to_owned()], columns.flat_map(|v| on_axes(&v)).collect()));
         }
     }
     for i in 0..names.len().min(MOST_PAIRED) {
@@ -163,24 +184,27 @@ fn definitions(data: &Dataset) -> Vec<(Vec<String>, Vec<Vec<f64>>)> {
 
 /// Scores of all screens beside a frame's base.
 pub(crate) fn screens(frame: &Frame<'_>) -> Vec<Screen> {
-    definitions(frame.data)
-        .into_par_iter()
-        .map(|(covariates, columns)| Screen { covariates, score: frame.score(&columns) })
-        .filter(|screen| screen.score.rank() > 0)
+    let (names, columns): (Vec<_>, Vec<_>) = definitions(frame.data).into_iter().unzip();
+    let scores = frame.scores(&columns);
+    names
+        .into_iter()
+        .zip(scores)
+        .filter(|(_, score)| score.rank() > 0)
+        .map(|(covariates, score)| Screen { covariates, score })
         .collect()
 }
 
-/// Columns of the screen over these covariates.
+/// Columns of the screens over these covariates.
 pub(crate) fn columns_of(data: &Dataset, covariates: &[String]) -> Vec<Vec<f64>> {
     definitions(data)
         .into_iter()
-        .find(|(names, _)| names == covariates)
-        .map(|(_, columns)| columns)
-        .unwrap_or_default()
+        .filter(|(names, _)| names == covariates)
+        .flat_map(|(_, columns)| columns)
+        .collect()
 }
 
 /// p-values of screens, corrected for their number.
-pub(crate) fn screen_p_values(screens: &[Screen], flips: &[Vec<bool>]) -> Vec<f64> {
+pub(crate) fn screen_p_values(screens: &[Screen], flips: &Flips) -> Vec<f64> {
     let scores: Vec<Vec<&Score>> = screens.iter().map(|screen| vec![&screen.score]).collect();
     p_values(&scores, flips)
 }

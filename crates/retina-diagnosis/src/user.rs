@@ -8,10 +8,11 @@ use toml::Spanned;
 
 use crate::catalogue::{Effect, effects};
 use crate::data::{ARCSEC_PER_RAD, Dataset, TableKind};
+use crate::diagnose::REFINED;
 use crate::formula::{Formula, parse};
 use crate::linear::{dot, solve_positive};
 use crate::noise::robust_fit;
-use crate::score::Frame;
+use crate::score::{Frame, Score};
 
 /// An effect added to the baseline.
 #[derive(Clone)]
@@ -290,16 +291,14 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
         let frame = Frame::fitted(data, &base);
         let columns: Vec<Vec<Vec<f64>>> =
             variants.iter().map(|v| v.leading.iter().map(|t| data.column(t)).collect()).collect();
-        let scores: Vec<f64> = columns.iter().map(|c| frame.score(c).deviate()).collect();
+        let scores: Vec<f64> = frame.scores(&columns).iter().map(Score::deviate).collect();
         let Some(best) = (0..variants.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b])) else {
             continue;
         };
-        let leading = frame.score(&columns[best]);
         let further: Vec<Vec<f64>> = variants[best].further.iter().map(|t| data.column(t)).collect();
         let mut whole = columns[best].clone();
         whole.extend(further.iter().cloned());
-        let refined = frame.held_out(&frame.score(&whole).directions).total()
-            < frame.held_out(&leading.directions).total();
+        let refined = frame.held_out(&columns[best]).beaten_by(&frame.held_out(&whole)) > REFINED;
         let mut put = |term: &crate::data::Term<'_>, column: Vec<f64>| {
             base.push(column);
             names.push(format!("{}.{}", effect.id, term.name));
@@ -367,10 +366,7 @@ fn levenberg_marquardt(data: &Dataset, base: &[Vec<f64>], users: &[(usize, &User
     columns.extend(slopes);
     let weights = robust_fit(&shifted, &columns).weights;
     let frame = Frame::weighted(data, base, weights);
-    let projected = |mut column: Vec<f64>| {
-        frame.weights.whiten(data, &mut column);
-        frame.basis.residual(frame.basis.residual(column))
-    };
+    let projected = |column: Vec<f64>| frame.residual(&column);
     let error_of = |values: Vec<f64>| -> Vec<f64> {
         projected(values).iter().zip(&frame.error).map(|(v, e)| e - v).collect()
     };

@@ -19,6 +19,9 @@ pub struct Calibration {
     pub distortion: Distortion,
     /// D^-1 as it was fitted, for points of light; absent in calibrations that state D alone.
     pub inverse: Option<InverseDistortion>,
+    /// Covariance of the coefficients a of the inverse's terms, and again of b, row by row; absent where the file has
+    /// none.
+    pub covariance: Option<Vec<f64>>,
     /// The file it was read from.
     pub file: PathBuf,
 }
@@ -33,9 +36,7 @@ struct CalibrationFile {
     distortion: DistortionFile,
     inverse: Option<InverseFile>,
     provenance: Option<ProvenanceFile>,
-    /// For readers of the file; nothing here depends on it.
-    #[serde(default, rename = "covariance")]
-    _covariance: Option<serde::de::IgnoredAny>,
+    covariance: Option<CovarianceFile>,
     /// The display's measured response, which the radiometric calibration reads.
     #[serde(default, rename = "response")]
     _response: Option<serde::de::IgnoredAny>,
@@ -48,6 +49,13 @@ struct InverseFile {
     reference_log10_irradiance: f64,
     range_log10_irradiance: [f64; 2],
     terms: Vec<(f64, f64, f64, f64, f64)>,
+}
+
+/// Of the coefficients a in the order of the inverse's terms, and again of b: the lower triangle, row by row.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CovarianceFile {
+    lower_triangle: Vec<f64>,
 }
 
 /// What it was measured with; further keys are for people.
@@ -103,7 +111,16 @@ impl Calibration {
                 .help("check the coefficients: D must be one-to-one over the screen")
         })?;
         let inverse = file.inverse.map(|inverse| inverse.checked(path)).transpose()?;
-        Ok(Self { setup: file.setup, source: file.source, distortion, inverse, file: path.to_path_buf() })
+        let terms = inverse.as_ref().map_or(0, |inverse| inverse.terms.len());
+        let covariance = file.covariance.map(|covariance| covariance.checked(path, terms)).transpose()?;
+        Ok(Self {
+            setup: file.setup,
+            source: file.source,
+            distortion,
+            inverse,
+            covariance,
+            file: path.to_path_buf(),
+        })
     }
 }
 
@@ -147,6 +164,31 @@ impl ProvenanceFile {
             .found(format!("{found:?}"))
             .expected(format!("{expected:?}, those of setup `{}`", setup.name))
             .help("calibrate again after a change of the setup"))
+    }
+}
+
+impl CovarianceFile {
+    /// The whole matrix, row by row.
+    fn checked(self, path: &Path, terms: usize) -> Result<Vec<f64>, InputError> {
+        let triangle = self.lower_triangle;
+        let refused = |problem: &str| InputError::new(path, problem).at("key `covariance.lower_triangle`");
+        if triangle.len() != terms * (terms + 1) / 2 {
+            return Err(refused("is no covariance of the inverse's coefficients")
+                .found(format!("{} numbers", triangle.len()))
+                .expected(format!("{} for {terms} terms", terms * (terms + 1) / 2)));
+        }
+        let mut out = vec![0.0; terms * terms];
+        let mut next = triangle.into_iter();
+        for row in 0..terms {
+            for (column, value) in (0..=row).zip(&mut next) {
+                if !value.is_finite() || (row == column && value < 0.0) {
+                    return Err(refused("holds a number that is no covariance").found(value));
+                }
+                out[row * terms + column] = value;
+                out[column * terms + row] = value;
+            }
+        }
+        Ok(out)
     }
 }
 

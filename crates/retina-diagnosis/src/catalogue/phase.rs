@@ -116,7 +116,11 @@ fn surge(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
             Ok(Variant {
                 shape: vec![("h_deg", h_deg)],
                 leading: vec![term("mag", of_phase(data, |a| -(-a.abs() / h_deg.to_radians()).exp())?)],
-                further: Vec::new(),
+                // A peak with wings, as a sum of two.
+                further: vec![term(
+                    "mag_wings",
+                    of_phase(data, |a| -(-a.abs() / (4.0 * h_deg).to_radians()).exp())?,
+                )],
             })
         })
         .collect()

@@ -34,11 +34,9 @@ pub(super) fn decentering(data: &Dataset) -> Vec<Term<'_>> {
 
 pub(super) fn thin_prism(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     let (x, y) = xy(data);
-    let r2 = move |i: usize| x[i] * x[i] + y[i] * y[i];
-    Ok(plain(vec![
-        Term::new("a_arcsec", move |i| [r2(i), 0.0]),
-        Term::new("b_arcsec", move |i| [0.0, r2(i)]),
-    ]))
+    let r2: Vec<f64> = x.iter().zip(y).map(|(x, y)| x * x + y * y).collect();
+    let further = pair(r2.iter().map(|r2| r2 * r2).collect(), "_r4");
+    Ok(vec![Variant { shape: Vec::new(), leading: pair(r2, ""), further }])
 }
 
 /// (x, y) r^power g.
@@ -78,10 +76,18 @@ pub(super) fn bow(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
             [depth * x[i], depth * y[i]]
         }
     };
-    Ok(plain(vec![
-        Term::new("a_arcsec", with(|x, y| x * x - y * y)),
-        Term::new("b_arcsec", with(|x, y| x * y)),
-    ]))
+    Ok(vec![Variant {
+        shape: Vec::new(),
+        leading: vec![
+            Term::new("a_arcsec", with(|x, y| x * x - y * y)),
+            Term::new("b_arcsec", with(|x, y| x * y)),
+        ],
+        // A saddle that is steeper or flatter at its rim.
+        further: vec![
+            Term::new("a_r2_arcsec", with(|x, y| (x * x - y * y) * (x * x + y * y))),
+            Term::new("b_r2_arcsec", with(|x, y| x * y * (x * x + y * y))),
+        ],
+    }])
 }
 
 /// L from 0 at its middle, and its powers.
@@ -129,8 +135,11 @@ pub(super) fn background(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     let l = need(data, "log10_irradiance")?;
     let faintest = l.iter().copied().fold(f64::INFINITY, f64::min);
     // Relative to the faintest: the amplitude is what that point moves by.
-    let per: Vec<f64> = l.iter().map(|l| 10f64.powf(faintest - l)).collect();
-    Ok(plain(pair(per, "")))
+    let per = |p: f64| -> Vec<f64> { l.iter().map(|l| 10f64.powf(p * (faintest - l))).collect() };
+    // A window takes in more of the slope where a spot is faint or wide.
+    let mut further = pair(per(2.0), "_square");
+    further.extend(pair(per(0.5), "_root"));
+    Ok(vec![Variant { shape: Vec::new(), leading: pair(per(1.0), ""), further }])
 }
 
 fn channels(data: &Dataset) -> Result<Vec<(u8, &'static str)>, String> {
@@ -153,12 +162,15 @@ pub(super) fn lateral_colour(data: &Dataset) -> Result<Vec<Variant<'_>>, String>
 }
 
 pub(super) fn wedge(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
-    let mut leading = Vec::new();
+    let (x, y) = xy(data);
+    let (mut leading, mut further) = (Vec::new(), Vec::new());
     for (k, name) in channels(data)? {
-        let here = data.channel.iter().map(|c| f64::from(u8::from(*c == k))).collect();
+        let here: Vec<f64> = data.channel.iter().map(|c| f64::from(u8::from(*c == k))).collect();
+        let outwards = (0..here.len()).map(|i| here[i] * (x[i] * x[i] + y[i] * y[i])).collect();
         leading.extend(pair(here, &format!("_{name}")));
+        further.extend(pair(outwards, &format!("_{name}_r2")));
     }
-    Ok(plain(leading))
+    Ok(vec![Variant { shape: Vec::new(), leading, further }])
 }
 
 pub(super) fn subpixel(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
@@ -176,20 +188,29 @@ pub(super) fn thermal(data: &Dataset, focal: bool) -> Result<Vec<Variant<'_>>, S
             time.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &t| (l.min(t), h.max(t)));
         for fraction in [0.02, 0.05, 0.1, 0.2, 0.4] {
             let tau_s = fraction * (high - low);
-            forms.push((tau_s, lagged(time, temperature, tau_s)));
+            forms.push((tau_s, lagged(&data.mounting, time, temperature, tau_s)));
         }
     }
     let mean = temperature.iter().sum::<f64>() / temperature.len() as f64;
-    Ok(forms
-        .into_iter()
-        .map(|(tau_s, values)| {
-            let values: Vec<f64> = values.iter().map(|v| v - mean).collect();
-            let leading = if focal {
-                vec![radial_term(data, "a_arcsec_per_k".into(), 0, Some(values))]
-            } else {
-                pair(values, "_per_k")
-            };
-            Variant { shape: vec![("tau_s", tau_s)], leading, further: Vec::new() }
+    let columns = |k: usize, suffix: &str| {
+        let values: Vec<f64> = forms[k].1.iter().map(|v| v - mean).collect();
+        if focal {
+            vec![radial_term(data, format!("a{suffix}_arcsec_per_k"), 0, Some(values))]
+        } else {
+            pair(values, &format!("{suffix}_per_k"))
+        }
+    };
+    Ok((0..forms.len())
+        .map(|k| {
+            // Between two lags of the list, and where two parts lag differently.
+            let mut further = Vec::new();
+            if k > 0 {
+                further.extend(columns(k - 1, "_less_lag"));
+            }
+            if k + 1 < forms.len() {
+                further.extend(columns(k + 1, "_more_lag"));
+            }
+            Variant { shape: vec![("tau_s", forms[k].0)], leading: columns(k, ""), further }
         })
         .collect())
 }
@@ -204,7 +225,11 @@ pub(super) fn drift(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
         .map(|p| Variant {
             shape: vec![("power_of_t", p)],
             leading: pair(power(p), ""),
-            further: pair(power(if p == 1.0 { 2.0 } else { 1.0 }), "2"),
+            further: [1.0, 0.5, 2.0]
+                .into_iter()
+                .filter(|other| *other != p)
+                .flat_map(|other| pair(power(other), &format!("_t{other}")))
+                .collect(),
         })
         .collect())
 }
@@ -223,12 +248,16 @@ pub(super) fn roll_drift(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
 
 /// What steps: numbers that name it in the shape.
 const STEPS: [(f64, &str); 4] = [(0.0, "shift"), (1.0, "roll"), (2.0, "scale"), (3.0, "tilt")];
+/// What settles after a step does so within this part of the campaign.
+const SETTLING: f64 = 0.03;
 /// Times at which a step is looked for.
 const STEP_TIMES: usize = 40;
 
 pub(super) fn knock(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     let (x, y) = xy(data);
     let time = need(data, "time_s")?;
+    let span = time.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+        - time.iter().copied().fold(f64::INFINITY, f64::min);
     let mut out = Vec::new();
     for t0 in step_times(data, time, STEP_TIMES) {
         for (code, name) in STEPS {
@@ -242,7 +271,16 @@ pub(super) fn knock(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
                 "scale" => vec![term("", |x, y| [x, y])],
                 _ => vec![term("_a", |x, y| [x * x, x * y]), term("_b", |x, y| [x * y, y * y])],
             };
-            out.push(Variant { shape: vec![("t0_s", t0), ("term", code)], leading, further: Vec::new() });
+            let further = if name == "shift" {
+                let settling = time
+                    .iter()
+                    .map(|t| if *t > t0 { (-(t - t0) / (SETTLING * span)).exp() } else { 0.0 })
+                    .collect();
+                pair(settling, "_settling")
+            } else {
+                Vec::new()
+            };
+            out.push(Variant { shape: vec![("t0_s", t0), ("term", code)], leading, further });
         }
     }
     Ok(out)
@@ -282,7 +320,8 @@ pub(super) fn camera_phase(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
             Term::new("b_arcsec", move |i| turned(i, [0.0, sine(py[i])])),
         ]
     };
-    Ok(vec![Variant { shape: Vec::new(), leading, further: phase_terms(px, py, 2.0, None, "2") }])
+    let further = [2.0, 3.0, 4.0].into_iter().flat_map(|h| phase_terms(px, py, h, None, &format!("{h}")));
+    Ok(vec![Variant { shape: Vec::new(), leading, further: further.collect() }])
 }
 
 pub(super) fn screen_phase(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
@@ -306,5 +345,7 @@ pub(super) fn screen_phase(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
 }
 
 pub(super) fn row_load(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
-    Ok(plain(pair(need(data, "row_load")?.to_vec(), "")))
+    let load = need(data, "row_load")?;
+    let further = pair(load.iter().map(|load| load * load).collect(), "_square");
+    Ok(vec![Variant { shape: Vec::new(), leading: pair(load.to_vec(), ""), further }])
 }

@@ -158,12 +158,18 @@ fn black_level(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
 fn loading(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     let square = need(data, "square_px")?;
     let (level, most) = (data.values("level"), square.iter().copied().fold(0.0, f64::max));
-    Ok([(1, 0.0), (2, 0.0), (1, 2.2), (2, 2.2)]
+    let forms = [(1, 0.0), (2, 0.0), (1, 1.0), (2, 1.0), (1, 2.2), (2, 2.2)];
+    let values = |(p, q): (i32, f64)| lit(data, |i| (square[i] / most).powi(p) * level[i].powf(q));
+    Ok(forms
         .into_iter()
         .map(|(p, q): (i32, f64)| Variant {
             shape: vec![("power_of_n", f64::from(p)), ("power_of_level", q)],
-            leading: vec![term("relative", lit(data, |i| (square[i] / most).powi(p) * level[i].powf(q)))],
-            further: Vec::new(),
+            leading: vec![term("relative", values((p, q)))],
+            // Between the two powers, and what bends where the loss is large.
+            further: vec![
+                term("relative_other_power", values((3 - p, q))),
+                term("relative_squared", values((2 * p, 2.0 * q))),
+            ],
         })
         .collect())
 }
@@ -287,8 +293,11 @@ fn nonadditivity(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
 }
 
 fn attenuator(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
-    if data.groups.len() < 3 || data.groups.len() > 200 {
-        return Err("column `series` has fewer than 3 values, or is missing".into());
+    if !data.jitters {
+        return Err("column `series` is missing in some rows".into());
+    }
+    if data.groups.len() < 5 || data.groups.len() > 200 {
+        return Err(format!("column `series` has {} values, and 5 to 200 are needed", data.groups.len()));
     }
     Ok(data
         .groups

@@ -1,5 +1,6 @@
 //! Any of the tables as one kind of data: residuals of one or two components, groups, covariates.
 
+mod large;
 mod phase;
 mod points;
 mod power;
@@ -7,10 +8,13 @@ mod read;
 
 use std::ops::Range;
 use std::path::PathBuf;
+use std::sync::OnceLock;
 
 pub(crate) use phase::lambert_magnitude;
 pub(crate) use points::ARCSEC_PER_RAD;
 pub use read::{Baseline, Source};
+
+use crate::field::{Field, HeldModel};
 
 /// Which table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,6 +99,8 @@ pub struct Dataset {
     pub order: Vec<usize>,
     /// Rows of the files, used or not.
     pub table_rows: usize,
+    /// Whether the files were read in part, being too long.
+    pub in_part: bool,
     /// Rows left out beforehand (saturated).
     pub saturated: usize,
     /// What residuals may depend on.
@@ -117,6 +123,10 @@ pub struct Dataset {
     pub(crate) frame: Vec<RowFrame>,
     /// The baseline.
     pub(crate) baseline: Baseline,
+    /// A calibration that is held fixed, on these rows.
+    pub(crate) held: Option<HeldModel>,
+    /// Its error's columns, made when they are first asked for.
+    pub(crate) field: OnceLock<Field>,
     /// The files.
     pub files: Vec<PathBuf>,
     /// What the user ought to know of how it was read.
@@ -176,8 +186,26 @@ impl Dataset {
             roll_rad: self.roll_rad.clone(),
             files: self.files.clone(),
             notes,
+            held: self.held.as_ref().map(|held| held.of_rows(&rows)),
+            field: OnceLock::new(),
             ..*self
         })
+    }
+
+    /// The error of a calibration that is held fixed.
+    pub(crate) fn field(&self) -> Option<&Field> {
+        self.held.as_ref().map(|held| self.field.get_or_init(|| held.field()))
+    }
+
+    /// Number of its columns.
+    pub(crate) fn field_len(&self) -> usize {
+        self.field().map_or(0, Field::len)
+    }
+
+    /// What a fit takes of a long table beside a calibration, whose error has a hundred columns.
+    pub(crate) fn fitted_part(&self) -> Option<Self> {
+        const MOST: usize = 200_000;
+        self.held.as_ref().and_then(|_| self.thinned(MOST))
     }
 
     /// Components of a row.

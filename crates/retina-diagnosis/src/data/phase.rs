@@ -1,6 +1,7 @@
 //! `phase.csv` as data: magnitudes against those of a smooth Lambert sphere.
 
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
 use retina_files::{InputError, Table};
 
@@ -78,6 +79,7 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         groups,
         order,
         table_rows,
+        in_part: false,
         saturated: 0,
         covariates: all,
         noise_key,
@@ -89,6 +91,8 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         screen_pixel_arcsec: 0.0,
         frame,
         baseline: Baseline::Physical,
+        held: None,
+        field: OnceLock::new(),
         files: source.files.to_vec(),
         notes,
     })

@@ -1,6 +1,7 @@
 //! `points.csv` as data: camera lines of sight against displayed ones, in the facility's frame, arcsec.
 
 use std::collections::HashMap;
+use std::sync::OnceLock;
 
 use glam::{DMat2, DVec2};
 use retina_calibration::geometry::{Channel, log10_irradiance};
@@ -8,6 +9,8 @@ use retina_files::{InputError, Table};
 use retina_radiometry::ScreenResponse;
 
 use super::read::{Baseline, Place, Source, channel_of, covariates, number_in};
+use crate::field::HeldModel;
+
 use super::{Covariate, Dataset, Group, RowFrame, TableKind, Term};
 
 pub(crate) const ARCSEC_PER_RAD: f64 = 206_264.806_247_096_36;
@@ -90,6 +93,13 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
             InputError::new(&calibration.file, problem).help("is it this facility's calibration?")
         })?,
     };
+    let held = source.calibration.map(|calibration| HeldModel::new(calibration, predicted.clone(), &l));
+    if held.as_ref().is_some_and(|held| !held.has_covariance()) {
+        notes.push(
+            "the calibration states no covariance: its error is told from these data alone, as a smooth field"
+                .to_owned(),
+        );
+    }
     let roll_rad = rolls(&predicted, &sights, &mounting, mountings.len());
     let half_tan = 0.5 * f64::from(camera.width_px) / camera.fx_px;
     let mut y = Vec::with_capacity(2 * places.len());
@@ -142,6 +152,7 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         groups,
         order,
         table_rows,
+        in_part: false,
         saturated,
         covariates: all,
         noise_key,
@@ -153,6 +164,8 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         screen_pixel_arcsec: ARCSEC_PER_RAD / facility.fx_px,
         frame,
         baseline,
+        held,
+        field: OnceLock::new(),
         files: source.files.to_vec(),
         notes,
     })

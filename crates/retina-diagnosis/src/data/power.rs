@@ -1,6 +1,7 @@
 //! `power.csv` as data: irradiance relative to what the nominal response gives.
 
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
 use retina_files::{InputError, Table};
 
@@ -114,6 +115,7 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         groups,
         order,
         table_rows,
+        in_part: false,
         saturated: 0,
         covariates: all,
         noise_key,
@@ -127,6 +129,8 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
             .map(|i| RowFrame { measured: [measured[i], 0.0], to_table: [[scale[i], 0.0], [0.0, 0.0]] })
             .collect(),
         baseline: Baseline::Physical,
+        held: None,
+        field: OnceLock::new(),
         files: source.files.to_vec(),
         notes,
     })

@@ -1,11 +1,14 @@
 //! Tables from files: which one it is, its rows in groups, its covariates.
 
+use std::collections::HashMap;
+use std::collections::hash_map::{DefaultHasher, Entry};
+use std::hash::{Hash as _, Hasher as _};
 use std::path::PathBuf;
 
 use retina_files::{InputError, Table};
 use retina_geometry::{Calibration, Setup};
 
-use super::{Covariate, Dataset, phase, points, power};
+use super::{Covariate, Dataset, large, phase, points, power};
 
 /// What is always fitted besides effects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,8 +61,10 @@ impl Dataset {
     /// # Errors
     /// The columns are of no table, or of different ones; a cell does not fit; too few rows.
     pub fn read(source: &Source<'_>) -> Result<Self, InputError> {
-        let tables: Vec<Table> =
-            source.files.iter().map(|path| Table::read(path)).collect::<Result<_, _>>()?;
+        let parts: Vec<large::Part> =
+            source.files.iter().map(|path| large::read(path)).collect::<Result<_, _>>()?;
+        let in_part: Vec<String> = parts.iter().filter_map(|part| part.note.clone()).collect();
+        let tables: Vec<Table> = parts.into_iter().map(|part| part.table).collect();
         let Some(first) = tables.first() else {
             return Err(InputError::new("--data", "names no table").expected("at least one file"));
         };
@@ -72,7 +77,20 @@ impl Dataset {
                     .help("give tables of one kind in one command"));
             }
         }
-        let data = match kind {
+        let repeated = repeated(&tables);
+        if let (Kind::Points, Some((place, before))) = (kind, repeated.first()) {
+            let (table, earlier) = (&tables[place.table], &tables[before.table]);
+            return Err(InputError::new(table.file(), "the row repeats another in every cell")
+                .line(table.line(place.row))
+                .found(format!("{} such rows in all", repeated.len()))
+                .expected("each point of an exposure once")
+                .help(format!(
+                    "delete the copies; the first is line {} of {}",
+                    earlier.line(before.row),
+                    earlier.file().display()
+                )));
+        }
+        let mut data = match kind {
             Kind::Points => points::read(source, &tables)?,
             Kind::Power => power::read(source, &tables)?,
             Kind::Phase => phase::read(source, &tables)?,
@@ -82,6 +100,12 @@ impl Dataset {
                 .found(format!("{} usable rows", data.len()))
                 .expected(format!("at least {FEWEST_ROWS}")));
         }
+        if !repeated.is_empty() {
+            // A meter that rounds may well show the same twice.
+            data.notes.push(format!("{} rows repeat others in every cell", repeated.len()));
+        }
+        data.in_part = !in_part.is_empty();
+        data.notes.extend(in_part);
         Ok(data)
     }
 }
@@ -117,6 +141,35 @@ impl Kind {
 pub(super) struct Place {
     pub(super) table: usize,
     pub(super) row: usize,
+}
+
+/// Rows that are the same as an earlier one in every cell, with that one.
+fn repeated(tables: &[Table]) -> Vec<(Place, Place)> {
+    let mut seen: HashMap<u64, Place> = HashMap::new();
+    let mut out = Vec::new();
+    let cells = |place: Place| {
+        let table = &tables[place.table];
+        table.columns().iter().map(move |column| table.text(place.row, column))
+    };
+    for (t, table) in tables.iter().enumerate() {
+        for row in 0..table.len() {
+            let place = Place { table: t, row };
+            let mut hasher = DefaultHasher::new();
+            cells(place).for_each(|cell| cell.hash(&mut hasher));
+            match seen.entry(hasher.finish()) {
+                Entry::Vacant(entry) => {
+                    entry.insert(place);
+                }
+                Entry::Occupied(entry) => {
+                    let before = *entry.get();
+                    if cells(before).eq(cells(place)) && tables[before.table].columns() == table.columns() {
+                        out.push((place, before));
+                    }
+                }
+            }
+        }
+    }
+    out
 }
 
 /// All numeric columns beside `not`, of rows in the data's order; a column with an empty cell is left out with a note.
@@ -171,6 +224,15 @@ fn check_units(tables: &[Table], covariates: &[Covariate]) -> Result<(), InputEr
         match covariate.name.as_str() {
             "temperature_c" if low > 150.0 => {
                 return wrong("is no temperature of a laboratory in Celsius", "kelvin? subtract 273.15");
+            }
+            "time_s" if covariate.varies() && (high - low).abs() < 1e-2 => {
+                return wrong("is no time of a campaign in seconds", "days? multiply by 86400");
+            }
+            "exposure_s" if low > 3600.0 => {
+                return wrong("is no exposure time in seconds", "milliseconds or microseconds? divide");
+            }
+            "square_px" if high > 1e4 => {
+                return wrong("is no side of a square in pixels", "its area? give the side");
             }
             "row_load" if !(low >= 0.0 && high <= 1.0) => {
                 return wrong("is no fraction", "give the lit fraction of the rows, 0 to 1, not per cent");

@@ -1,0 +1,19 @@
+//! The workbench's benchmark: tables with a hidden effect, made by physics that shares no code with the fit; their truth,
+//! sealed; the workbench's answers; and the scorer, which alone opens the truth.
+//!
+//! - [`generate`] writes sets and truth, [`run`] asks the workbench, [`score`] compares.
+
+mod algebra;
+mod forms;
+mod generate;
+mod plan;
+mod points;
+mod readings;
+mod run;
+mod score;
+mod templates;
+
+pub use generate::generate;
+pub use points::campaign_table;
+pub use run::run;
+pub use score::{Outcome, Target, score};

@@ -1,0 +1,82 @@
+//! `retina-benchmark`: makes, runs and scores the workbench's benchmark.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::Parser;
+use retina_benchmark::{generate, run, score};
+use retina_files::InputError;
+
+/// The workbench's benchmark: tables with hidden effects, the workbench's answers, and how often they are right.
+#[derive(Parser)]
+#[command(version)]
+struct Arguments {
+    /// Folder of the sets, their sealed truth and the results.
+    #[arg(long)]
+    dir: PathBuf,
+    /// Number of sets.
+    #[arg(long, default_value_t = 400)]
+    sets: usize,
+    /// Seed of the sets.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Makes sets of this kind alone.
+    #[arg(long, value_parser = ["null", "single", "outside", "pair", "confounded", "power", "phase"])]
+    kind: Option<String>,
+    /// The facility.
+    #[arg(long, default_value = "assets/setups/wide-fov.toml")]
+    setup: PathBuf,
+    /// Does this part alone; otherwise makes what is missing, runs what is open, and scores.
+    #[arg(long, value_enum)]
+    only: Option<Part>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Part {
+    /// Writes the sets and their truth.
+    Generate,
+    /// Runs the workbench on the sets that are not finished.
+    Run,
+    /// Opens the truth and writes results.json and results.md.
+    Score,
+}
+
+fn main() -> ExitCode {
+    match all(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error:?}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn all(arguments: &Arguments) -> Result<(), InputError> {
+    let does = |part| arguments.only.is_none_or(|only| only == part);
+    let sealed = arguments.dir.join("sealed").join("truth.jsonl");
+    if does(Part::Generate) && (arguments.only.is_some() || !sealed.exists()) {
+        let hash = generate(&arguments.dir, arguments.seed, arguments.sets, arguments.kind.as_deref())?;
+        eprintln!("{} sets of seed {}, truth {hash}", arguments.sets, arguments.seed);
+    }
+    if does(Part::Run) {
+        run(&arguments.dir, &arguments.setup, |done, total, left_s| {
+            eprintln!(
+                "{done} of {total} sets, {:.0} min {:02.0} s left",
+                (left_s / 60.0).floor(),
+                left_s % 60.0
+            );
+        })?;
+    }
+    if does(Part::Score) {
+        let outcome = score(&arguments.dir)?;
+        store(&arguments.dir.join("results.md"), &outcome.markdown)?;
+        store(&arguments.dir.join("results.json"), &format!("{:#}\n", outcome.json))?;
+        println!("{}", outcome.markdown);
+    }
+    Ok(())
+}
+
+fn store(path: &Path, text: &str) -> Result<(), InputError> {
+    retina_files::write_atomic(path, text.as_bytes())
+        .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+}

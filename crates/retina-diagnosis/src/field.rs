@@ -1,0 +1,169 @@
+//! The error of a calibration that is held fixed, as a random field beside the baseline (G. K. Robinson, That BLUP is a
+//! good thing, Statistical Science 6, 1991): what its coefficients' covariance leaves open, and smooth modes beyond its
+//! polynomial's degree for what that cannot follow, whose size is estimated from the data.
+
+use glam::DVec2;
+use retina_geometry::{Calibration, InverseDistortion};
+
+use crate::data::ARCSEC_PER_RAD;
+use crate::linear::Basis;
+
+/// Degrees beyond the calibration's that the modes have.
+const DEGREES_BEYOND: u32 = 3;
+/// Each degree's modes are smaller than those before by this factor: fields are smooth.
+const DECAY: f64 = 0.5;
+/// Without a covariance every degree from this one on is open.
+const LOWEST_DEGREE: u32 = 2;
+/// Components of the covariance that are smaller than this part of the largest are rounding.
+const LEAST: f64 = 1e-8;
+/// Rows over which the covariance's components are made independent.
+const SAMPLE: usize = 4000;
+
+/// A calibration with the rows it was applied to.
+#[derive(Debug, Clone)]
+pub(crate) struct HeldModel {
+    inverse: Option<InverseDistortion>,
+    covariance: Option<Vec<f64>>,
+    degree: u32,
+    /// For each row: the model's line of sight.
+    pub(crate) sight: Vec<DVec2>,
+    /// For each row: log10 of the irradiance as the model holds it.
+    pub(crate) l: Vec<f64>,
+}
+
+/// Columns of the field over the rows, arcsec.
+#[derive(Debug, Clone)]
+pub(crate) struct Field {
+    /// Independent, each of unit variance: the coefficients' errors.
+    pub(crate) known: Vec<Vec<f64>>,
+    /// Independent, each of a variance that is the square of the field's size.
+    pub(crate) modes: Vec<Vec<f64>>,
+}
+
+impl HeldModel {
+    pub(crate) fn new(calibration: &Calibration, sight: Vec<DVec2>, l: &[f64]) -> Self {
+        let degree = match &calibration.inverse {
+            Some(inverse) => inverse.terms.iter().map(|(powers, _)| powers[0] + powers[1]).max(),
+            None => Some(calibration.distortion.degree()),
+        };
+        let held = |l: &f64| calibration.inverse.as_ref().map_or(*l, |inverse| inverse.held(*l));
+        Self {
+            inverse: calibration.inverse.clone(),
+            covariance: calibration.covariance.clone(),
+            degree: degree.unwrap_or(1),
+            sight,
+            l: l.iter().map(held).collect(),
+        }
+    }
+
+    /// Whether the calibration says how uncertain it is.
+    pub(crate) fn has_covariance(&self) -> bool {
+        self.covariance.is_some()
+    }
+
+    /// Of some of the rows.
+    pub(crate) fn of_rows(&self, rows: &[usize]) -> Self {
+        Self {
+            sight: rows.iter().map(|&row| self.sight[row]).collect(),
+            l: rows.iter().map(|&row| self.l[row]).collect(),
+            inverse: self.inverse.clone(),
+            covariance: self.covariance.clone(),
+            degree: self.degree,
+        }
+    }
+
+    /// The field's columns.
+    pub(crate) fn field(&self) -> Field {
+        let known = match (&self.inverse, &self.covariance) {
+            (Some(inverse), Some(covariance)) => self.known(inverse, covariance),
+            _ => Vec::new(),
+        };
+        let lowest = if known.is_empty() { LOWEST_DEGREE } else { self.degree + 1 };
+        Field { known, modes: self.modes(lowest, self.degree.max(LOWEST_DEGREE) + DEGREES_BEYOND) }
+    }
+
+    /// Errors of the coefficients as independent fields: with Phi = Q R the terms over the rows and C their covariance,
+    /// R C R^T = U S U^T gives the fields Phi R^-1 U S^(1/2).
+    fn known(&self, inverse: &InverseDistortion, covariance: &[f64]) -> Vec<Vec<f64>> {
+        let terms: Vec<[u32; 3]> = inverse.terms.iter().map(|term| term.0).collect();
+        let n = terms.len();
+        let value = |row: usize, term: &[u32; 3]| {
+            let r = self.sight[row];
+            r.x.powi(term[0] as i32) * r.y.powi(term[1] as i32) * self.l[row].powi(term[2] as i32)
+        };
+        let stride = self.sight.len().div_ceil(SAMPLE);
+        let sample: Vec<usize> = (0..self.sight.len()).step_by(stride).collect();
+        let norm = (sample.len() as f64).sqrt();
+        let phi: Vec<Vec<f64>> =
+            terms.iter().map(|t| sample.iter().map(|&row| value(row, t) / norm).collect()).collect();
+        let basis = Basis::of(phi);
+        let r = basis.triangle_rows();
+        let k = basis.q.len();
+        let r = faer::Mat::<f64>::from_fn(k, n, |i, j| r[i][j]);
+        let c = faer::Mat::<f64>::from_fn(n, n, |i, j| covariance[i * n + j]);
+        let in_field = &r * &c * r.transpose();
+        let Ok(eigen) = in_field.self_adjoint_eigen(faer::Side::Lower) else { return Vec::new() };
+        let (u, s) = (eigen.U(), eigen.S().column_vector());
+        let largest = (0..k).map(|i| s[i]).fold(0.0, f64::max);
+        // Weights of the terms in each field: C R^T U S^(-1/2), which needs no inverse of R.
+        let weights = &c * r.transpose() * u;
+        let jacobian: Vec<glam::DMat2> = (0..self.sight.len())
+            .map(|row| inverse.jacobian(self.sight[row], self.l[row]).inverse() * ARCSEC_PER_RAD)
+            .collect();
+        let mut out = Vec::new();
+        for i in (0..k).rev().filter(|&i| s[i] > LEAST * largest) {
+            let w: Vec<f64> = (0..n).map(|t| weights[(t, i)] / s[i].sqrt()).collect();
+            let field: Vec<f64> = (0..self.sight.len())
+                .map(|row| terms.iter().zip(&w).map(|(t, w)| w * value(row, t)).sum())
+                .collect();
+            for axis in [DVec2::X, DVec2::Y] {
+                out.push(
+                    field.iter().zip(&jacobian).flat_map(|(f, j)| (*j * (axis * *f)).to_array()).collect(),
+                );
+            }
+        }
+        out
+    }
+
+    /// Products of Legendre polynomials over the rows' box, of unit rms there and smaller from degree to degree.
+    fn modes(&self, from: u32, to: u32) -> Vec<Vec<f64>> {
+        let half = self.sight.iter().fold(DVec2::splat(f64::MIN_POSITIVE), |h, r| h.max(r.abs()));
+        let of = |along: fn(DVec2) -> f64| -> Vec<Vec<f64>> {
+            self.sight
+                .iter()
+                .map(|r| {
+                    let mut values = vec![1.0];
+                    values.extend(crate::screens::legendre(along(*r / half), to as usize));
+                    for (degree, value) in values.iter_mut().enumerate() {
+                        *value *= (2.0 * degree as f64 + 1.0).sqrt();
+                    }
+                    values
+                })
+                .collect()
+        };
+        let (px, py) = (of(|r| r.x), of(|r| r.y));
+        let mut out = Vec::new();
+        for degree in from..=to {
+            let size = DECAY.powi((degree - from) as i32);
+            for i in 0..=degree as usize {
+                let j = degree as usize - i;
+                let values: Vec<f64> = px.iter().zip(&py).map(|(x, y)| size * x[i] * y[j]).collect();
+                out.push(values.iter().flat_map(|v| [*v, 0.0]).collect());
+                out.push(values.iter().flat_map(|v| [0.0, *v]).collect());
+            }
+        }
+        out
+    }
+}
+
+impl Field {
+    /// Number of columns.
+    pub(crate) fn len(&self) -> usize {
+        self.known.len() + self.modes.len()
+    }
+
+    /// The columns with the standard deviation of each, where the modes' is `size_arcsec`.
+    pub(crate) fn columns(&self, size_arcsec: f64) -> impl Iterator<Item = (&Vec<f64>, f64)> {
+        self.known.iter().map(|c| (c, 1.0)).chain(self.modes.iter().map(move |c| (c, size_arcsec)))
+    }
+}

@@ -1,0 +1,82 @@
+//! A whole group whose level is off: no flip of signs shows it, since its own sign is all that would change. Its level is
+//! held against the other groups' (F. E. Grubbs, Annals of Mathematical Statistics 21, 1950): under normal levels the
+//! deviate has Student's distribution, and the most deviating of G groups is corrected for their number.
+
+use crate::data::Dataset;
+
+/// Fewest groups: with fewer the others' scatter is not known.
+const FEWEST: usize = 5;
+
+/// A group that is off.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Outlying {
+    /// Its number.
+    pub(crate) group: usize,
+    /// p-value, corrected for the number of groups.
+    pub(crate) p_value: f64,
+    /// By how much its level is off, in the residuals' unit.
+    pub(crate) offset: f64,
+}
+
+/// The group whose median error deviates most from the others'. `error` has one component a row.
+pub(crate) fn outlying(data: &Dataset, error: &[f64]) -> Option<Outlying> {
+    let levels: Vec<f64> = data.groups.iter().map(|group| median(&error[group.rows.clone()])).collect();
+    let count = levels.len();
+    if count < FEWEST {
+        return None;
+    }
+    let others = (count - 1) as f64;
+    (0..count)
+        .map(|group| {
+            let rest = || levels.iter().enumerate().filter(|(g, _)| *g != group).map(|(_, level)| *level);
+            let mean = rest().sum::<f64>() / others;
+            let variance = rest().map(|level| (level - mean).powi(2)).sum::<f64>() / (others - 1.0);
+            let offset = levels[group] - mean;
+            let t = offset.abs() / (variance * (1.0 + 1.0 / others)).sqrt().max(f64::MIN_POSITIVE);
+            let p_value = (count as f64 * two_sided(t, count - 2)).min(1.0);
+            (t, Outlying { group, p_value, offset })
+        })
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, outlying)| outlying)
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let middle = sorted.len() / 2;
+    if sorted.len() % 2 == 1 { sorted[middle] } else { 0.5 * (sorted[middle - 1] + sorted[middle]) }
+}
+
+/// Probability that Student's t with `free` degrees of freedom is further from 0 than `t`, by integrating
+/// cos^(free - 1) over the angle atan(sqrt(free) / t) that is left (Abramowitz and Stegun, 26.7.1, t = sqrt(free) tan).
+pub(crate) fn two_sided(t: f64, free: usize) -> f64 {
+    let power = free as i32 - 1;
+    // sin^power from 0 to an angle, the complement of the cosine's tail.
+    let integral = |to: f64| -> f64 {
+        const STEPS: usize = 400;
+        let step = to / STEPS as f64;
+        (0..=STEPS)
+            .map(|k| {
+                let factor = [2.0, 4.0][k % 2] - f64::from(u8::from(k == 0 || k == STEPS));
+                factor * (step * k as f64).sin().powi(power)
+            })
+            .sum::<f64>()
+            * step
+            / 3.0
+    };
+    (integral(((free as f64).sqrt() / t).atan()) / integral(0.5 * std::f64::consts::PI)).min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    /// Two-sided 5 % and 0.1 % points of Student's t (R. A. Fisher, F. Yates, Statistical Tables, table III).
+    #[test]
+    fn students_distribution() {
+        for (t, free, p) in
+            [(2.571, 5, 0.05), (2.086, 20, 0.05), (6.869, 5, 0.001), (3.850, 20, 0.001), (12.706, 1, 0.05)]
+        {
+            let found = super::two_sided(t, free);
+            assert!((found / p - 1.0).abs() < 5e-3, "{t} {free} {found}");
+        }
+    }
+}

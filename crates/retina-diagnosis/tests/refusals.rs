@@ -1,0 +1,114 @@
+//! Input that cannot be used is refused or told of in words that say how to mend it.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod common;
+
+use std::path::PathBuf;
+
+use common::{Campaign, Point, setup};
+use glam::DVec2;
+use retina_diagnosis::{AddedEffect, Baseline, Dataset, DiagnoseOptions, Source, check_effects, diagnose};
+use retina_files::InputError;
+
+fn nothing(p: &Point) -> DVec2 {
+    p.r
+}
+
+fn read(text: &str) -> Result<Dataset, InputError> {
+    let folder = tempfile::tempdir().unwrap();
+    let path: PathBuf = folder.path().join("table.csv");
+    std::fs::write(&path, text).unwrap();
+    let setup = setup();
+    let source = Source { files: &[path], setup: &setup, calibration: None, baseline: Baseline::Physical };
+    Dataset::read(&source)
+}
+
+fn campaign(exposures: usize) -> Campaign {
+    Campaign { rows: 400, exposures, ..Campaign::new(3) }
+}
+
+/// The table with column `name` changed in every row.
+fn with_column(text: &str, name: &str, value: impl Fn(&str) -> String) -> String {
+    let at = text.lines().next().unwrap().split(',').position(|n| n == name).unwrap();
+    let mut out = String::new();
+    for (k, line) in text.lines().enumerate() {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if k > 0 {
+            cells[at] = value(&cells[at]);
+        }
+        out.push_str(&(cells.join(",") + "\n"));
+    }
+    out
+}
+
+#[test]
+fn effects_say_which_column_would_make_them_testable() {
+    let text = campaign(20).table(&setup(), &nothing);
+    let constant = with_column(&text, "temperature_c", |_| "20".to_owned());
+    let missing = with_column(&constant, "row_load", |_| String::new());
+    let found = diagnose(&read(&missing).unwrap(), &[], &DiagnoseOptions { flips: 199, seed: 1 });
+    let reason = |id: &str| {
+        found.not_testable.iter().find(|n| n.effect == id).map(|n| n.reason.clone()).unwrap_or_default()
+    };
+    assert_eq!(reason("thermal_boresight"), "column `temperature_c` is constant");
+    assert_eq!(reason("thermal_focal"), "column `temperature_c` is constant");
+    assert_eq!(reason("row_loading_shift"), "column `row_load` is missing");
+    assert_eq!(reason("lateral_colour"), "column `channel` is missing or constant");
+    assert!(!found.candidates.iter().any(|c| c.effect == "thermal_focal"));
+}
+
+#[test]
+fn too_few_exposures_for_the_flips_are_told_of() {
+    let data = read(&campaign(5).table(&setup(), &nothing)).unwrap();
+    let found = diagnose(&data, &[], &DiagnoseOptions { flips: 199, seed: 1 });
+    let note = found.notes.iter().find(|note| note.contains("flipped")).unwrap();
+    // Five signs up to a common one: 2^4.
+    assert!(note.contains("5 groups can be flipped in 16 ways"), "{note}");
+    assert!(note.contains("measure more exposures"), "{note}");
+}
+
+#[test]
+fn rows_that_repeat_are_refused_with_their_lines() {
+    let text = campaign(10).table(&setup(), &nothing);
+    let again = text.lines().nth(7).unwrap().to_owned();
+    let error = read(&format!("{text}{again}\n")).unwrap_err();
+    let told = format!("{error:?}");
+    assert!(told.contains("repeats another in every cell") && told.contains("first is line 8"), "{told}");
+}
+
+#[test]
+fn units_are_checked_by_their_magnitude() {
+    let text = campaign(10).table(&setup(), &nothing);
+    let kelvin = with_column(&text, "temperature_c", |c| (c.parse::<f64>().unwrap() + 273.15).to_string());
+    assert!(format!("{:?}", read(&kelvin).unwrap_err()).contains("kelvin? subtract 273.15"));
+    let percent = with_column(&text, "row_load", |c| (c.parse::<f64>().unwrap() * 100.0).to_string());
+    assert!(format!("{:?}", read(&percent).unwrap_err()).contains("not per cent"));
+    let days = with_column(&text, "time_s", |c| (c.parse::<f64>().unwrap() / 86_400.0 * 0.1).to_string());
+    assert!(format!("{:?}", read(&days).unwrap_err()).contains("days? multiply by 86400"));
+}
+
+#[test]
+fn effects_and_formulas_that_do_not_fit_are_refused() {
+    let data = read(&campaign(10).table(&setup(), &nothing)).unwrap();
+    let refused = |text: &str| format!("{:?}", AddedEffect::read(text, &data).map(|_| ()).unwrap_err());
+    assert!(refused("screen_tlt").contains("did you mean `screen_tilt`?"));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("own.toml");
+    let own = |dx: &str, dy: &str| {
+        let text = format!(
+            "name = \"own\"\nunit = \"arcsec\"\ndx = \"{dx}\"\ndy = \"{dy}\"\n[parameters]\na = {{ start = 1.0 }}\nb = {{ start = 1.0 }}\n"
+        );
+        std::fs::write(&path, text).unwrap();
+        AddedEffect::read(path.to_str().unwrap(), &data)
+            .and_then(|effect| check_effects(&data, &[effect]))
+            .map_err(|error| format!("{error:?}"))
+            .unwrap_err()
+    };
+    // Two parameters of which only the product is told.
+    assert!(own("a * b * row_load", "0").contains("cannot be told from the others"));
+    // A shift is the baseline's.
+    assert!(own("a", "b * row_load").contains("parameter `a` cannot be told"));
+    assert!(own("a / (time_s - time_s)", "b * row_load").contains("is not finite at its start values"));
+    assert!(own("a * row_lod", "b * row_load").contains("row_lod"));
+}
