@@ -57,6 +57,9 @@ enum Command {
     /// Measures on the virtual bench: points, power readings, frames.
     #[command(subcommand)]
     Simulate(command::simulate::Command),
+    /// Attitude and position from images.
+    #[command(subcommand)]
+    Navigate(command::navigate::Command),
     /// Says which graphics adapter would render.
     Adapter(command::adapter::Arguments),
 }
@@ -79,6 +82,7 @@ fn main() -> ExitCode {
         Command::Sheet(arguments) => command::sheet::run(arguments),
         Command::Optics(command) => command::optics::run(command),
         Command::Simulate(command) => command::simulate::run(&command),
+        Command::Navigate(command) => command::navigate::run(&command),
         Command::Adapter(arguments) => command::adapter::run(&arguments),
     };
     match result {

@@ -4,7 +4,7 @@ use std::io::IsTerminal as _;
 use std::time::{Duration, Instant};
 
 use crate::output::tell;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use retina_batch::{Observer, Progress};
 
 /// Time between lines where standard error is no terminal.
@@ -67,4 +67,15 @@ impl Observer for Reporter {
         let left_s = (progress.to_do - progress.done) as f64 / rate;
         tell!("{}/{} frames, {rate:.2} a second, {left_s:.0} s left", progress.done, progress.to_do);
     }
+}
+
+/// A bar of counted things on standard error.
+pub(crate) fn counter(length: u64, unit: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template(&format!(
+        "{{wide_bar}} {{pos}}/{{len}} {unit}, {{elapsed}} gone, {{eta}} left"
+    ));
+    let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr())
+        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.enable_steady_tick(Duration::from_millis(500));
+    bar
 }

@@ -1,9 +1,7 @@
 //! `retina simulate points|power|frames`.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use retina_bench::OpticsDetail;
 use retina_calibration::geometry::Channel;
 use retina_campaign::{
@@ -17,6 +15,7 @@ use serde_json::{Value, json};
 
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines, tell};
+use crate::progress::counter;
 
 mod sky;
 
@@ -258,16 +257,6 @@ impl Common {
     }
 }
 
-fn bar(length: u64, unit: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template(&format!(
-        "{{wide_bar}} {{pos}}/{{len}} {unit}, {{elapsed}} gone, {{eta}} left"
-    ));
-    let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr())
-        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    bar.enable_steady_tick(Duration::from_millis(500));
-    bar
-}
-
 fn points(arguments: &PointsArguments) -> Result<(), Failure> {
     let options = PointsOptions {
         exposures: usize::from(arguments.exposures),
@@ -288,7 +277,7 @@ fn points(arguments: &PointsArguments) -> Result<(), Failure> {
     let common = &arguments.common;
     let facility = common.facility(Table::Points, options.length_s())?;
     common.make_folder()?;
-    let bar = bar(u64::from(arguments.exposures), "exposures");
+    let bar = counter(u64::from(arguments.exposures), "exposures");
     let keep = arguments.images.then_some(common.out.as_path());
     let result = simulate_points(&facility, &options, keep, |done| bar.set_position(done as u64))?;
     bar.finish_and_clear();
@@ -356,7 +345,7 @@ fn frames(arguments: &FramesArguments) -> Result<(), Failure> {
         detail: OpticsDetail::default(),
     };
     let facility = common.facility(Table::Frames, f64::MAX)?;
-    let bar = bar(0, "frames");
+    let bar = counter(0, "frames");
     let result = simulate_frames(&facility, &options, &common.out, |done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
@@ -387,7 +376,7 @@ fn stars(arguments: &StarsArguments) -> Result<(), Failure> {
         None => None,
         Some(path) => Some(Calibration::read(path, &facility.setup)?),
     };
-    let bar = bar(u64::from(arguments.exposures), "exposures");
+    let bar = counter(u64::from(arguments.exposures), "exposures");
     let result =
         simulate_stars(&facility, calibration.as_ref(), &options, |done| bar.set_position(done as u64))?;
     bar.finish_and_clear();

@@ -1,0 +1,128 @@
+//! `retina navigate far-range`.
+
+use std::path::{Path, PathBuf};
+
+use retina_files::{InputError, write_atomic};
+use retina_navigation::far_range::{
+    Choice, FarRangeError, Images, Scenario, report, run_poses, run_transfer, summarise,
+};
+use serde_json::Value;
+
+use crate::failure::Failure;
+use crate::output::{print_json, tell};
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum ImagesName {
+    /// No pixels: positions with noise.
+    Points,
+    /// An ideal camera.
+    Ideal,
+    /// The virtual bench.
+    Bench,
+}
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// The scenario, schema retina.far-range/1.
+    #[arg(value_name = "SCENARIO")]
+    scenario: PathBuf,
+    /// Folder for the result; poses that are in it are not run again.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Where the measurements come from, in the place of the scenario's own.
+    #[arg(long, value_enum)]
+    images: Option<ImagesName>,
+    /// Number of random poses, in the place of the scenario's own.
+    #[arg(long)]
+    poses: Option<usize>,
+    /// The bench's calibration, in the place of the scenario's or the setup's own.
+    #[arg(long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+impl From<FarRangeError> for Failure {
+    fn from(error: FarRangeError) -> Self {
+        match error {
+            FarRangeError::Input(error) => error.into(),
+            FarRangeError::Bench(error) => error.into(),
+            error => Self::new(error.to_string()),
+        }
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let images = arguments.images.map(|name| match name {
+        ImagesName::Points => Images::Points,
+        ImagesName::Ideal => Images::Ideal,
+        ImagesName::Bench => Images::Bench,
+    });
+    let choice = Choice { images, poses: arguments.poses, calibration: arguments.calibration.clone() };
+    let scenario = Scenario::read(&arguments.scenario, &choice)?;
+    std::fs::create_dir_all(&arguments.out)
+        .map_err(|error| InputError::new(&arguments.out, format!("the folder cannot be made: {error}")))?;
+    let bar = crate::progress::counter(scenario.poses.count as u64, "poses");
+    let results = run_poses(&scenario, &arguments.out, &mut |done| bar.set_position(done as u64))?;
+    bar.finish_and_clear();
+    let summary = summarise(&results);
+    write(&arguments.out, "figure-12.svg", &report::figure_12(&results))?;
+    tell!(
+        "attitude found in {:.2} % of {} poses (the paper: {} %), wrong in {}; planet identified in {:.2} % (the paper: {} %), \
+         wrong in {}; 50 and 95 % within {:.1} and {:.1} arcsec across the boresight, {:.0} and {:.0} about it",
+        summary.attitude_found_percent,
+        summary.poses,
+        report::PAPER_ATTITUDE_PERCENT,
+        summary.attitude_wrong,
+        summary.planet_found_percent,
+        report::PAPER_PLANET_PERCENT,
+        summary.planet_wrong,
+        summary.cross_percentiles_arcsec[0],
+        summary.cross_percentiles_arcsec[2],
+        summary.about_percentiles_arcsec[0],
+        summary.about_percentiles_arcsec[2],
+    );
+    let transfer = match &scenario.transfer {
+        None => None,
+        Some(transfer) => {
+            let measured = (summary.planet_sigma_arcsec / 3600.0).to_radians();
+            let sigma_rad = transfer.line_of_sight_sigma_rad.unwrap_or(measured);
+            if !sigma_rad.is_finite() || sigma_rad <= 0.0 {
+                return Err(Failure::new(
+                    "no planet was identified: the transfer has no line of sight to go by; give \
+                     transfer.line_of_sight_sigma_arcsec",
+                ));
+            }
+            let used = summary.attitude_found_percent * summary.planet_found_percent * 1e-4;
+            let result = run_transfer(transfer, sigma_rad, used, scenario.seed)?;
+            write(&arguments.out, "figure-13.svg", &report::figure_13(&result))?;
+            if let Some(last) = result.sessions.last() {
+                tell!(
+                    "transfer of {:.0} days: {:.0} km and {:.3} m/s at the end, 3 sigma (the paper: {:.0} km, {} m/s); lines of \
+                     sight of {:.2} arcsec; NEES within its bounds in {:.0} % of sessions, NIS {:.3} (bounds {:.3} to {:.3})",
+                    last.day,
+                    last.three_sigma[0],
+                    last.three_sigma[1],
+                    report::PAPER_THREE_SIGMA[0],
+                    report::PAPER_THREE_SIGMA[1],
+                    result.line_of_sight_sigma_arcsec,
+                    100.0 * result.nees_within,
+                    result.nis,
+                    result.nis_bounds[0],
+                    result.nis_bounds[1]
+                );
+            }
+            Some(result)
+        }
+    };
+    let document: Value = report::document(&scenario, &summary, transfer.as_ref());
+    write(&arguments.out, "far-range.json", &format!("{document:#}\n"))?;
+    if arguments.json { print_json(&document) } else { Ok(()) }
+}
+
+fn write(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
+    let path = folder.join(name);
+    write_atomic(&path, text.as_bytes())
+        .map_err(|error| InputError::new(&path, format!("cannot be written: {error}")).into())
+}

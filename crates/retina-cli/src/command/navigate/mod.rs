@@ -1,0 +1,22 @@
+//! `retina navigate`.
+
+mod far_range;
+mod stars;
+
+use crate::failure::Failure;
+
+/// Attitude and position from images.
+#[derive(clap::Subcommand)]
+pub(crate) enum Command {
+    /// Finds the attitude of star images, lost in space, and planets in them.
+    Stars(stars::Arguments),
+    /// Runs the paper's far-range experiment: random poses, and a transfer to Mars.
+    FarRange(far_range::Arguments),
+}
+
+pub(crate) fn run(command: &Command) -> Result<(), Failure> {
+    match command {
+        Command::Stars(arguments) => stars::run(arguments),
+        Command::FarRange(arguments) => far_range::run(arguments),
+    }
+}

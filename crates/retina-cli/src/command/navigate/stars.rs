@@ -1,0 +1,280 @@
+//! `retina navigate stars`.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use retina_files::InputError;
+use retina_geometry::{Calibration, Setup};
+use retina_image::{CameraImage, DetectOptions, ReadOptions};
+use retina_navigation::image::{ImageContext, ImageResult, solve_image};
+use retina_navigation::planets::{PAPER_POSITION_SIGMA_M, PriorPosition};
+use retina_navigation::stars::{SolverOptions, StarCamera, StarSolver};
+use retina_sky::ephemeris::SolarSystem;
+use retina_sky::observer::Observer;
+use retina_sky::time::parse_epoch;
+use serde_json::{Value, json};
+
+use crate::failure::Failure;
+use crate::output::{print_json, print_lines};
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Star images: grey PNG, TIFF or FITS.
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+    /// The camera, schema retina.setup/1.
+    #[arg(long, value_name = "FILE", required_unless_present = "fov_deg")]
+    setup: Option<PathBuf>,
+    /// The calibration of images that hold the facility's distortion.
+    #[arg(long, value_name = "FILE", requires = "setup")]
+    calibration: Option<PathBuf>,
+    /// Horizontal field of view, degrees: 11.4, or a range 10..13; in the place of the setup's focal length.
+    #[arg(long, value_name = "DEG|DEG..DEG", conflicts_with = "setup")]
+    fov_deg: Option<String>,
+    /// How far the focal length may be off, per cent.
+    #[arg(long, default_value_t = 3.0, value_name = "PERCENT")]
+    focal_percent: f64,
+    /// Epoch of the images, ISO 8601 [default: places of stars at J2020.0].
+    #[arg(long, value_name = "EPOCH")]
+    time: Option<String>,
+    /// Where the camera is, barycentric ICRF metres X,Y,Z, or `earth`: planets are looked for.
+    #[arg(long, value_name = "X,Y,Z|earth", requires = "time", allow_hyphen_values = true)]
+    position_m: Option<String>,
+    /// Its velocity, barycentric ICRF m/s: corrects for aberration [default with `earth`: the Earth's].
+    #[arg(long, value_name = "X,Y,Z", requires = "position_m", allow_hyphen_values = true)]
+    velocity_m_s: Option<String>,
+    /// Uncertainty of the position (3 sigma), km.
+    #[arg(long, default_value_t = 3e-3 * PAPER_POSITION_SIGMA_M)]
+    position_3_sigma_km: f64,
+    /// Log10 of the greatest chance of a false answer.
+    #[arg(long, default_value_t = -7.0, allow_negative_numbers = true)]
+    log10_bound: f64,
+    /// A point's brightest 3 x 3 pixels stand out of the background by so many standard deviations.
+    #[arg(long, default_value_t = 5.0)]
+    threshold_sigma: f64,
+    /// Bits of the camera's digital numbers [default: the setup's, or those of the file].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16))]
+    bits: Option<u32>,
+    /// Take the mean of a colour image's channels.
+    #[arg(long)]
+    colour: bool,
+    /// The images are mirror images.
+    #[arg(long)]
+    mirrored: bool,
+    /// List the matched stars in the JSON document.
+    #[arg(long, requires = "json")]
+    stars: bool,
+    /// Exit with 1 if an image is refused.
+    #[arg(long)]
+    all: bool,
+    /// Exit with 1 if a solution's residuals are larger, arcsec rms.
+    #[arg(long)]
+    rms_arcsec: Option<f64>,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is known of the camera.
+enum Optics {
+    Setup(Box<Setup>, Option<Calibration>),
+    /// Least and greatest horizontal field, rad.
+    Field([f64; 2]),
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let optics = arguments.optics()?;
+    let (tdb_s, context) = arguments.context()?;
+    let mut prepared: BTreeMap<[u32; 2], (StarCamera, StarSolver)> = BTreeMap::new();
+    let (mut documents, mut refused, mut worst_arcsec) = (Vec::new(), 0, 0.0f64);
+    for path in &arguments.images {
+        let image = arguments.read(path, &optics)?;
+        let (camera, solver) = prepared
+            .entry([image.width_px, image.height_px])
+            .or_insert_with_key(|&size| arguments.prepare(&optics, size, tdb_s));
+        let detect = DetectOptions { threshold_sigma: arguments.threshold_sigma, ..DetectOptions::default() };
+        let result = solve_image(&image, camera, solver, &detect, &context)
+            .map_err(|error| Failure::new(error.to_string()))?;
+        match &result.solution {
+            Err(_) => refused += 1,
+            Ok(solution) => worst_arcsec = worst_arcsec.max(solution.rms_rad.to_degrees() * 3600.0),
+        }
+        let file = path.display().to_string();
+        if arguments.json {
+            documents.push(result.json(&file, camera, arguments.stars));
+        } else {
+            print_lines(&text(&file, &result, camera))?;
+        }
+    }
+    if arguments.json {
+        print_json(&json!({
+            "schema": "retina.navigation-stars/1",
+            "images": documents,
+            "aberration_corrected": arguments.velocity()?.is_some(),
+            "epoch": arguments.time.clone().map_or(json!("J2020.0 (assumed)"), Value::from),
+        }))?;
+    }
+    if arguments.all && refused > 0 {
+        return Err(Failure::exceeded(format!(
+            "{refused} of {} images were refused",
+            arguments.images.len()
+        )));
+    }
+    match arguments.rms_arcsec {
+        Some(limit) if worst_arcsec > limit => Err(Failure::exceeded(format!(
+            "the residuals of a solution are {worst_arcsec:.2} arcsec rms, at most {limit} were asked for"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+impl Arguments {
+    fn optics(&self) -> Result<Optics, Failure> {
+        if let Some(text) = &self.fov_deg {
+            return Ok(Optics::Field(field_rad(text)?));
+        }
+        let Some(path) = &self.setup else {
+            return Err(Failure::new("the field of view is not known: give --setup or --fov-deg"));
+        };
+        let setup = Setup::read(path)?;
+        let calibration =
+            self.calibration.as_ref().map(|path| Calibration::read(path, &setup)).transpose()?;
+        Ok(Optics::Setup(Box::new(setup), calibration))
+    }
+
+    fn read(&self, path: &Path, optics: &Optics) -> Result<CameraImage, Failure> {
+        let setup_bits = match optics {
+            Optics::Setup(setup, _) => Some(setup.camera.bits),
+            Optics::Field(_) => None,
+        };
+        let options = ReadOptions { bits: self.bits.or(setup_bits), colour_to_grey: self.colour };
+        let image = CameraImage::read(path, options)?;
+        if let Optics::Setup(setup, _) = optics {
+            let (found, expected) =
+                ([image.width_px, image.height_px], [setup.camera.width_px, setup.camera.height_px]);
+            if found != expected {
+                return Err(InputError::new(path, "the image is not of the setup's camera")
+                    .found(format!("{} x {} pixels", found[0], found[1]))
+                    .expected(format!("{} x {}", expected[0], expected[1]))
+                    .help("give the setup of this camera, or --fov-deg in its place")
+                    .into());
+            }
+        }
+        Ok(image)
+    }
+
+    fn prepare(&self, optics: &Optics, size: [u32; 2], tdb_s: Option<f64>) -> (StarCamera, StarSolver) {
+        let slack = self.focal_percent / 100.0;
+        let mut options = SolverOptions {
+            focal_ratio: [1.0 - slack, 1.0 + slack],
+            log10_bound: self.log10_bound,
+            ..SolverOptions::default()
+        };
+        options.tdb_s = tdb_s.unwrap_or(options.tdb_s);
+        let mut camera = match optics {
+            Optics::Setup(setup, calibration) => StarCamera::from_setup(setup, calibration.clone()),
+            Optics::Field([least, greatest]) => {
+                let [short, long] = [*greatest, *least].map(|field| 1.0 / (0.5 * field).tan());
+                let middle = (short * long).sqrt();
+                options.focal_ratio[0] *= short / middle;
+                options.focal_ratio[1] *= long / middle;
+                StarCamera::from_field(2.0 * (1.0 / middle).atan(), size)
+            }
+        };
+        camera.mirrored = self.mirrored;
+        let solver = StarSolver::new(&camera, options);
+        (camera, solver)
+    }
+
+    /// The epoch, and what goes with a position.
+    fn context(&self) -> Result<(Option<f64>, ImageContext), Failure> {
+        for (flag, value, fits) in [
+            ("--focal-percent", self.focal_percent, (0.0..=20.0).contains(&self.focal_percent)),
+            ("--position-3-sigma-km", self.position_3_sigma_km, self.position_3_sigma_km > 0.0),
+            ("--threshold-sigma", self.threshold_sigma, self.threshold_sigma > 0.0),
+            ("--log10-bound", self.log10_bound, self.log10_bound <= 0.0),
+        ] {
+            if !(fits && value.is_finite()) {
+                return Err(InputError::new(Path::new(flag), "the value does not fit").found(value).into());
+            }
+        }
+        let Some(time) = &self.time else { return Ok((None, ImageContext::default())) };
+        let tdb_s = parse_epoch(time).map_err(|error| Failure::new(format!("--time: {error}")))?;
+        // Without a position there is no parallax, no deflection and no aberration, only proper motion.
+        let position = match self.position_m.as_deref() {
+            None => return Ok((Some(tdb_s), ImageContext::default())),
+            Some("earth") => self.earth(tdb_s)?.position_m,
+            Some(text) => vector("--position-m", text)?,
+        };
+        let observer = Observer::new(tdb_s, position, self.velocity()?)
+            .map_err(|error| Failure::new(error.to_string()))?;
+        let prior = PriorPosition { observer, sigma_m: 1e3 * self.position_3_sigma_km / 3.0 };
+        Ok((Some(tdb_s), ImageContext { observer: Some(observer), prior: Some(prior) }))
+    }
+
+    fn velocity(&self) -> Result<Option<DVec3>, Failure> {
+        match (self.velocity_m_s.as_deref(), self.position_m.as_deref(), &self.time) {
+            (Some(text), ..) => vector("--velocity-m-s", text).map(Some),
+            (None, Some("earth"), Some(time)) => {
+                let tdb_s = parse_epoch(time).map_err(|error| Failure::new(format!("--time: {error}")))?;
+                Ok(Some(self.earth(tdb_s)?.velocity_m_s))
+            }
+            _ => Ok(None),
+        }
+    }
+
+    fn earth(&self, tdb_s: f64) -> Result<retina_sky::ephemeris::State, Failure> {
+        Ok(SolarSystem::at(tdb_s).map_err(|error| Failure::new(error.to_string()))?.earth)
+    }
+}
+
+/// `11.4` or `10..13`, degrees.
+fn field_rad(text: &str) -> Result<[f64; 2], Failure> {
+    let (least, greatest) = text.split_once("..").unwrap_or((text, text));
+    let parsed = [least, greatest].map(|part| part.trim().parse::<f64>().unwrap_or(f64::NAN));
+    if !(parsed[0] > 0.0 && parsed[0] <= parsed[1] && parsed[1] < 90.0) {
+        return Err(InputError::new(Path::new("--fov-deg"), "is not a field of view")
+            .found(format!("`{text}`"))
+            .expected("degrees above 0 and below 90, or a range such as 10..13")
+            .into());
+    }
+    Ok(parsed.map(f64::to_radians))
+}
+
+/// Three finite numbers.
+fn vector(flag: &str, text: &str) -> Result<DVec3, Failure> {
+    let numbers: Vec<f64> = text.split(',').map(|part| part.trim().parse().unwrap_or(f64::NAN)).collect();
+    match numbers[..] {
+        [x, y, z] if [x, y, z].iter().all(|v| v.is_finite()) => Ok(DVec3::new(x, y, z)),
+        _ => Err(InputError::new(Path::new(flag), "is not a vector")
+            .found(format!("`{text}`"))
+            .expected("three numbers, X,Y,Z")
+            .into()),
+    }
+}
+
+fn text(file: &str, result: &ImageResult, camera: &StarCamera) -> Vec<String> {
+    let solution = match &result.solution {
+        Err(refusal) => return vec![format!("{file}: refused: {refusal}")],
+        Ok(solution) => solution,
+    };
+    let [ra, dec, roll] = solution.ra_dec_roll_rad().map(f64::to_degrees);
+    let mut lines = vec![format!(
+        "{file}: right ascension {ra:.4} deg, declination {dec:.4} deg, roll {roll:.4} deg; {} stars, {:.2} arcsec rms, \
+         focal length {:.1} px{}, false with probability 10^{:.0}; {:.2} ms after {:.2} ms for {} points",
+        solution.matches.len(),
+        solution.rms_rad.to_degrees() * 3600.0,
+        camera.pinhole.fx_px * solution.fit.focal_ratio,
+        solution.k1_sigma.map_or(String::new(), |_| format!(", k1 {:.4}", solution.fit.k1)),
+        solution.log10_false_probability,
+        result.solve_ms,
+        result.detect_ms,
+        result.points.len()
+    )];
+    for planet in &result.planets {
+        let at = result.points[planet.point].pixel;
+        lines.push(format!("  {} at ({:.2}, {:.2}) px", planet.planet.name(), at.x, at.y));
+    }
+    lines
+}

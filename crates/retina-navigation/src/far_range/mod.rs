@@ -1,0 +1,21 @@
+//! The paper's far-range experiment (Figs. 12 and 13): random poses among the planets, and a transfer to Mars.
+//!
+//! - [`Scenario`]: what is done, from a file.
+//! - [`sky`], [`points`]: what a camera has in its field, and what it measures without pixels.
+//! - [`Photographer`]: a pose's points, also from images of an ideal camera and of the virtual bench.
+//! - [`run_poses`]: attitudes and planets over random poses, resumable.
+//! - [`run_transfer`]: Monte Carlo of the filter.
+//! - [`report`]: JSON and figures.
+
+mod photograph;
+pub mod points;
+mod poses;
+pub mod report;
+mod scenario;
+pub mod sky;
+mod transfer;
+
+pub use photograph::Photographer;
+pub use poses::{FarRangeError, PoseResult, PosesSummary, run_poses, summarise};
+pub use scenario::{Choice, ExposureChoice, Images, Poses, Scenario, Transfer};
+pub use transfer::{SessionResult, TransferResult, chi2_mean_bounds, run_transfer};

@@ -1,0 +1,316 @@
+//! Random poses: which attitudes and planets are found, and how well.
+
+use std::fs::OpenOptions;
+use std::io::Write as _;
+use std::path::Path;
+
+use glam::{DQuat, DVec3};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution as _, StandardNormal};
+use rayon::prelude::*;
+use retina_files::{InputError, write_atomic};
+use retina_sky::observer::Observer;
+use retina_sky::planets::Planet;
+use retina_sky::trajectory::FramePose;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use thiserror::Error;
+
+use super::photograph::Photographer;
+use super::scenario::Scenario;
+use super::sky::sources;
+use crate::image::{ImageContext, solve_points};
+use crate::planets::PriorPosition;
+use crate::stars::{SolverOptions, StarSolver};
+
+const ARCSEC: f64 = std::f64::consts::PI / 648_000.0;
+/// Poses between two writes of the list.
+const CHUNK: usize = 32;
+/// A planet's point is the right one within this distance of where the planet is shown, px.
+const SAME_POINT_PX: f64 = 4.0;
+
+/// What ends the experiment.
+#[derive(Debug, Error)]
+pub enum FarRangeError {
+    /// Input that does not fit.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// The bench.
+    #[error(transparent)]
+    Bench(#[from] retina_bench::BenchError),
+    /// The poses or the sky.
+    #[error("{0}")]
+    Sky(String),
+}
+
+/// What one pose gave.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PoseResult {
+    /// Its index.
+    pub pose: usize,
+    /// The planet that the camera points at.
+    pub planet: String,
+    /// Points of light found.
+    pub points: usize,
+    /// `solved`, or why not.
+    pub outcome: String,
+    /// Stars matched.
+    pub matches: usize,
+    /// Errors of the attitude: across the boresight (length of both axes), about it, arcsec.
+    pub cross_arcsec: Option<f64>,
+    /// About the boresight.
+    pub about_arcsec: Option<f64>,
+    /// Squared Mahalanobis distance of the attitude's error, chi-square of three degrees of freedom.
+    pub attitude_distance2: Option<f64>,
+    /// log10 of the bound on the chance of a false answer.
+    pub log10_false_probability: Option<f64>,
+    /// The pose's planet: `found`, `missed` or `wrong`; nothing where the attitude was not found.
+    pub planet_outcome: Option<String>,
+    /// Error of the planet's line of sight along inertial axes, arcsec.
+    pub planet_arcsec: Option<f64>,
+    /// Squared Mahalanobis distance of it, chi-square of two degrees of freedom.
+    pub planet_distance2: Option<f64>,
+    /// Its point is saturated.
+    pub planet_saturated: Option<bool>,
+}
+
+/// Runs the poses that are not yet in `folder`'s `poses.jsonl`, and returns all of them in order. `progress` hears
+/// how many are done.
+///
+/// # Errors
+/// The folder holds another scenario's poses or cannot be written; the poses cannot be made.
+pub fn run_poses(
+    scenario: &Scenario,
+    folder: &Path,
+    progress: &mut dyn FnMut(usize),
+) -> Result<Vec<PoseResult>, FarRangeError> {
+    let wanted = scenario.deep_space();
+    let (trajectory, planets) = wanted.generate().map_err(|error| FarRangeError::Sky(error.to_string()))?;
+    let path = folder.join("poses.jsonl");
+    let mut done = read_done(&path, scenario)?;
+    let photographer = Photographer::new(scenario)?;
+    let middle_s = 0.5 * (wanted.epochs_tdb_s[0] + wanted.epochs_tdb_s[1]);
+    let solver =
+        StarSolver::new(photographer.camera(), SolverOptions { tdb_s: middle_s, ..SolverOptions::default() });
+    let cannot = |error: std::io::Error| InputError::new(&path, format!("cannot be written: {error}"));
+    let missing: Vec<usize> = (0..scenario.poses.count).filter(|at| !done.contains_key(at)).collect();
+    progress(done.len());
+    for chunk in missing.chunks(CHUNK) {
+        let results: Vec<PoseResult> = chunk
+            .par_iter()
+            .map(|&at| run_pose(scenario, &photographer, &solver, at, &trajectory.frames[at], planets[at]))
+            .collect::<Result<_, FarRangeError>>()?;
+        let mut text = String::new();
+        for result in results {
+            text.push_str(
+                &serde_json::to_string(&result).map_err(|error| FarRangeError::Sky(error.to_string()))?,
+            );
+            text.push('\n');
+            done.insert(result.pose, result);
+        }
+        let mut file = OpenOptions::new().append(true).open(&path).map_err(cannot)?;
+        file.write_all(text.as_bytes()).map_err(cannot)?;
+        progress(done.len());
+    }
+    Ok(done.into_values().filter(|result| result.pose < scenario.poses.count).collect())
+}
+
+/// The poses that are done; the list is begun where there is none. A last line that was cut short is left out.
+fn read_done(
+    path: &Path,
+    scenario: &Scenario,
+) -> Result<std::collections::BTreeMap<usize, PoseResult>, InputError> {
+    let header = json!({"schema": "retina.far-range-poses/1", "scenario": scenario.poses_hash});
+    if !path.exists() {
+        write_atomic(path, format!("{header}\n").as_bytes())
+            .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))?;
+        return Ok(Default::default());
+    }
+    let text = retina_files::read_text(path)?;
+    let mut lines = text.lines();
+    let found: Option<serde_json::Value> = lines.next().and_then(|line| serde_json::from_str(line).ok());
+    if found.as_ref() != Some(&header) {
+        return Err(InputError::new(path, "the folder holds poses of another scenario")
+            .line(1)
+            .help("give --out another folder, or take this one away"));
+    }
+    let whole = if text.ends_with('\n') { usize::MAX } else { text.lines().count() - 1 };
+    let mut done = std::collections::BTreeMap::new();
+    let mut kept = format!("{header}\n");
+    for (number, line) in text.lines().enumerate().skip(1).take_while(|(number, _)| *number < whole) {
+        let result: PoseResult = serde_json::from_str(line).map_err(|error| {
+            InputError::new(path, format!("is not a pose's result: {error}")).line(number + 1)
+        })?;
+        kept.push_str(line);
+        kept.push('\n');
+        done.insert(result.pose, result);
+    }
+    if whole != usize::MAX {
+        write_atomic(path, kept.as_bytes())
+            .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))?;
+    }
+    Ok(done)
+}
+
+fn run_pose(
+    scenario: &Scenario,
+    photographer: &Photographer,
+    solver: &StarSolver,
+    at: usize,
+    pose: &FramePose,
+    planet: Planet,
+) -> Result<PoseResult, FarRangeError> {
+    let sky = |error: &dyn std::fmt::Display| FarRangeError::Sky(error.to_string());
+    let mut random = ChaCha8Rng::seed_from_u64(scenario.seed ^ 0x6661_725f_7261_6e67);
+    random.set_stream(at as u64);
+    let camera = photographer.camera();
+    let observer = Observer::new(pose.time_s, pose.camera_position_m, pose.camera_velocity_m_s)
+        .map_err(|error| sky(&error))?;
+    let shown =
+        sources(&observer, pose.camera_from_inertial, &camera.pinhole, scenario.poses.faintest_magnitude)
+            .map_err(|error| sky(&error))?;
+    let sigma_m = scenario.poses.position_3_sigma_km * 1e3 / 3.0;
+    let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+    let off = DVec3::new(normal(), normal(), normal()) * sigma_m;
+    let assumed = Observer::new(pose.time_s, pose.camera_position_m + off, pose.camera_velocity_m_s)
+        .map_err(|error| sky(&error))?;
+    let points = photographer.points(&shown, at as u64, &mut random)?;
+    let context =
+        ImageContext { observer: Some(assumed), prior: Some(PriorPosition { observer: assumed, sigma_m }) };
+    let result = solve_points(points, camera, solver, &context).map_err(|error| sky(&error))?;
+    let mut out = PoseResult {
+        pose: at,
+        planet: planet.name().to_owned(),
+        points: result.points.len(),
+        outcome: "solved".to_owned(),
+        matches: 0,
+        cross_arcsec: None,
+        about_arcsec: None,
+        attitude_distance2: None,
+        log10_false_probability: None,
+        planet_outcome: None,
+        planet_arcsec: None,
+        planet_distance2: None,
+        planet_saturated: None,
+    };
+    let solution = match &result.solution {
+        Err(refusal) => {
+            refusal.reason().clone_into(&mut out.outcome);
+            return Ok(out);
+        }
+        Ok(solution) => solution,
+    };
+    let error = rotation(solution.camera_from_inertial(), pose.camera_from_inertial);
+    let cross_arcsec = error.truncate().length() / ARCSEC;
+    out.matches = solution.matches.len();
+    out.cross_arcsec = Some(cross_arcsec);
+    out.about_arcsec = Some(error.z.abs() / ARCSEC);
+    out.attitude_distance2 = Some(error.dot(solution.attitude_covariance_rad2.inverse() * error));
+    out.log10_false_probability = Some(solution.log10_false_probability);
+    if cross_arcsec > scenario.poses.found_within_arcsec {
+        "wrong".clone_into(&mut out.outcome);
+        return Ok(out);
+    }
+    let truth = shown.iter().find(|source| source.planet == Some(planet));
+    let sight = result.planets.iter().find(|sight| sight.planet == planet);
+    let verdict = match (truth, sight) {
+        (Some(truth), Some(sight)) => {
+            let pixel = camera.pinhole.pixel(truth.line_of_sight);
+            if result.points[sight.point].pixel.distance(pixel) < SAME_POINT_PX {
+                let direction =
+                    pose.camera_from_inertial.inverse() * truth.line_of_sight.extend(1.0).normalize();
+                out.planet_arcsec = Some(sight.direction.angle_between(direction) / ARCSEC);
+                let seen = solution.camera_from_inertial() * direction;
+                let off = sight.line_of_sight - seen.truncate() / seen.z;
+                out.planet_saturated = Some(result.points[sight.point].saturated);
+                out.planet_distance2 = Some(off.dot(sight.covariance_rad2.inverse() * off));
+                "found"
+            } else {
+                "wrong"
+            }
+        }
+        (None, Some(_)) => "wrong",
+        (_, None) => "missed",
+    };
+    out.planet_outcome = Some(verdict.to_owned());
+    Ok(out)
+}
+
+/// The rotation vector from a true attitude to one that was found, camera axes, the short way round.
+fn rotation(found: DQuat, truth: DQuat) -> DVec3 {
+    let off = found * truth.inverse();
+    (if off.w < 0.0 { -off } else { off }).to_scaled_axis()
+}
+
+/// Rates and distributions of the poses.
+#[derive(Debug, Clone, Serialize)]
+pub struct PosesSummary {
+    /// Poses.
+    pub poses: usize,
+    /// Attitudes found, per cent of all poses; the paper's is 98.22.
+    pub attitude_found_percent: f64,
+    /// Attitudes given that were wrong.
+    pub attitude_wrong: usize,
+    /// Poses refused, by reason.
+    pub refused: std::collections::BTreeMap<String, usize>,
+    /// Planets identified, per cent of the attitudes found; the paper's is 98.82.
+    pub planet_found_percent: f64,
+    /// Planets that were taken for another point.
+    pub planet_wrong: usize,
+    /// 50, 68, 95 and 99 % of the errors across the boresight are within, arcsec.
+    pub cross_percentiles_arcsec: [f64; 4],
+    /// And about it.
+    pub about_percentiles_arcsec: [f64; 4],
+    /// And of the planets' lines of sight.
+    pub planet_percentiles_arcsec: [f64; 4],
+    /// Standard deviation per axis of the planets' lines of sight, arcsec, from the median.
+    pub planet_sigma_arcsec: f64,
+    /// Mean squared Mahalanobis distance of attitudes, over 3: 1 where the covariance is right.
+    pub attitude_nees_ratio: f64,
+    /// And of planets' lines of sight, over 2.
+    pub planet_nees_ratio: f64,
+    /// Planets found whose point is saturated.
+    pub planet_saturated: usize,
+}
+
+/// Summarises the poses.
+pub fn summarise(results: &[PoseResult]) -> PosesSummary {
+    let found: Vec<&PoseResult> = results.iter().filter(|r| r.outcome == "solved").collect();
+    let of = |pick: fn(&PoseResult) -> Option<f64>| -> Vec<f64> {
+        let mut values: Vec<f64> = found.iter().filter_map(|r| pick(r)).collect();
+        values.sort_by(f64::total_cmp);
+        values
+    };
+    let percentiles = |values: &[f64]| {
+        [0.5, 0.68, 0.95, 0.99].map(|p: f64| {
+            values
+                .get(((values.len() as f64 * p) as usize).min(values.len().saturating_sub(1)))
+                .copied()
+                .unwrap_or(f64::NAN)
+        })
+    };
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+    let with = |outcome: &str| found.iter().filter(|r| r.planet_outcome.as_deref() == Some(outcome)).count();
+    let mut refused = std::collections::BTreeMap::new();
+    for result in results.iter().filter(|r| r.outcome != "solved" && r.outcome != "wrong") {
+        *refused.entry(result.outcome.clone()).or_insert(0) += 1;
+    }
+    let planets = of(|r| r.planet_arcsec);
+    PosesSummary {
+        poses: results.len(),
+        attitude_found_percent: 100.0 * found.len() as f64 / results.len().max(1) as f64,
+        attitude_wrong: results.iter().filter(|r| r.outcome == "wrong").count(),
+        refused,
+        planet_found_percent: 100.0 * with("found") as f64 / found.len().max(1) as f64,
+        planet_wrong: with("wrong"),
+        cross_percentiles_arcsec: percentiles(&of(|r| r.cross_arcsec)),
+        about_percentiles_arcsec: percentiles(&of(|r| r.about_arcsec)),
+        planet_percentiles_arcsec: percentiles(&planets),
+        // Median of a Rayleigh distribution: sigma sqrt(2 ln 2).
+        planet_sigma_arcsec: percentiles(&planets)[0] / (2.0 * std::f64::consts::LN_2).sqrt(),
+        attitude_nees_ratio: mean(&of(|r| r.attitude_distance2)) / 3.0,
+        planet_saturated: found.iter().filter(|r| r.planet_saturated == Some(true)).count(),
+        planet_nees_ratio: mean(&of(|r| r.planet_distance2)) / 2.0,
+    }
+}

@@ -1,0 +1,162 @@
+//! From a camera image to its attitude and planets.
+
+use std::time::Instant;
+
+use retina_image::{CameraImage, DetectOptions, Detection, detect_points};
+use retina_sky::ephemeris::EphemerisError;
+use retina_sky::observer::Observer;
+use serde_json::{Value, json};
+
+use crate::planets::{PlanetSight, PriorPosition, identify_planets};
+use crate::stars::{Refusal, StarCamera, StarPoint, StarSolution, StarSolver};
+
+/// What is known of an image before it is solved.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ImageContext {
+    /// Epoch, place and velocity: places of stars to the epoch, parallax and aberration.
+    pub observer: Option<Observer>,
+    /// Where the camera is, for planets.
+    pub prior: Option<PriorPosition>,
+}
+
+/// What an image gave.
+#[derive(Debug, Clone)]
+pub struct ImageResult {
+    /// Points found, brightest first.
+    pub points: Vec<StarPoint>,
+    /// The attitude, or why there is none.
+    pub solution: Result<StarSolution, Refusal>,
+    /// Planets among the points.
+    pub planets: Vec<PlanetSight>,
+    /// Pixels to points, ms.
+    pub detect_ms: f64,
+    /// Points to attitude and planets, ms.
+    pub solve_ms: f64,
+}
+
+/// Solves an image: points of light, attitude, planets.
+///
+/// # Errors
+/// The prior's epoch is outside the ephemeris.
+pub fn solve_image(
+    image: &CameraImage,
+    camera: &StarCamera,
+    solver: &StarSolver,
+    detect: &DetectOptions,
+    context: &ImageContext,
+) -> Result<ImageResult, EphemerisError> {
+    let start = Instant::now();
+    let detection: Detection = detect_points(image, detect);
+    let detect_ms = ms(start);
+    let points = camera.points(&detection.points);
+    Ok(ImageResult { detect_ms, ..solve_points(points, camera, solver, context)? })
+}
+
+/// As [`solve_image`], from points that were found already.
+///
+/// # Errors
+/// As [`solve_image`].
+pub fn solve_points(
+    points: Vec<StarPoint>,
+    camera: &StarCamera,
+    solver: &StarSolver,
+    context: &ImageContext,
+) -> Result<ImageResult, EphemerisError> {
+    let start = Instant::now();
+    let solution = solver.solve(&points, context.observer.as_ref());
+    let planets = match (&solution, &context.prior) {
+        (Ok(solution), Some(prior)) => identify_planets(solution, &points, prior, camera.half_field().0)?,
+        _ => Vec::new(),
+    };
+    Ok(ImageResult { points, solution, planets, detect_ms: 0.0, solve_ms: ms(start) })
+}
+
+fn ms(start: Instant) -> f64 {
+    start.elapsed().as_secs_f64() * 1e3
+}
+
+impl ImageResult {
+    /// The entry of `images` of `navigate stars --json`; `file` names the image.
+    pub fn json(&self, file: &str, camera: &StarCamera, list_stars: bool) -> Value {
+        let times =
+            json!({"points": self.points.len(), "detect_ms": self.detect_ms, "solve_ms": self.solve_ms});
+        let mut out = match &self.solution {
+            Err(refusal) => json!({
+                "file": file, "solved": false, "reason": refusal.reason(), "message": refusal.to_string(),
+                "ra_deg": null, "dec_deg": null, "roll_deg": null, "matches": 0, "rms_arcsec": null, "planets": [],
+            }),
+            Ok(solution) => self.solved_json(solution, file, camera, list_stars),
+        };
+        if let (Value::Object(out), Value::Object(times)) = (&mut out, times) {
+            out.extend(times);
+        }
+        out
+    }
+
+    fn solved_json(
+        &self,
+        solution: &StarSolution,
+        file: &str,
+        camera: &StarCamera,
+        list_stars: bool,
+    ) -> Value {
+        let [ra, dec, roll] = solution.ra_dec_roll_rad().map(f64::to_degrees);
+        let q = solution.camera_from_inertial();
+        let c = solution.attitude_covariance_rad2;
+        let focal_px = camera.pinhole.fx_px * solution.fit.focal_ratio;
+        let field = |px: u32| 2.0 * (0.5 * f64::from(px) / focal_px).atan().to_degrees();
+        let mut out = json!({
+            "file": file, "solved": true, "ra_deg": ra, "dec_deg": dec, "roll_deg": roll,
+            "matches": solution.matches.len(), "rms_arcsec": arcsec(solution.rms_rad),
+            "planets": self.planets.iter().map(|sight| self.planet_json(sight)).collect::<Vec<_>>(),
+            "camera_from_inertial": [q.w, q.x, q.y, q.z],
+            "attitude_sigma_arcsec": {
+                "cross_x": arcsec(c.x_axis.x.sqrt()), "cross_y": arcsec(c.y_axis.y.sqrt()),
+                "about": arcsec(c.z_axis.z.sqrt()),
+            },
+            "attitude_covariance_rad2": c.to_cols_array_2d(),
+            "focal_px": focal_px, "focal_sigma_px": camera.pinhole.fx_px * solution.focal_ratio_sigma,
+            "fov_deg": [field(camera.pinhole.width_px), field(camera.pinhole.height_px)],
+            "k1": solution.fit.k1, "k1_sigma": solution.k1_sigma,
+            "log10_false_probability": solution.log10_false_probability,
+            "zero_point_magnitude": solution.zero_point_magnitude,
+        });
+        if list_stars {
+            let stars: Vec<Value> = solution
+                .matches
+                .iter()
+                .map(|matched| {
+                    let pixel = self.points[matched.point].pixel;
+                    json!({
+                        "id": matched.star.id.to_string(), "magnitude": matched.magnitude,
+                        "camera_px": [pixel.x, pixel.y],
+                        "residual_arcsec": matched.residual_rad.to_array().map(arcsec),
+                    })
+                })
+                .collect();
+            out["stars"] = stars.into();
+        }
+        out
+    }
+
+    fn planet_json(&self, sight: &PlanetSight) -> Value {
+        let pixel = self.points[sight.point].pixel;
+        let [ra, dec] = [
+            sight.direction.y.atan2(sight.direction.x).rem_euclid(std::f64::consts::TAU),
+            sight.direction.z.asin(),
+        ];
+        json!({
+            "name": sight.planet.name(), "camera_px": [pixel.x, pixel.y],
+            "ra_deg": ra.to_degrees(), "dec_deg": dec.to_degrees(),
+            "line_of_sight": sight.line_of_sight.to_array(),
+            "covariance_rad2": sight.covariance_rad2.to_cols_array_2d(),
+            "magnitude": sight.magnitude, "expected_magnitude": sight.expected.magnitude,
+            "off_arcsec": arcsec(sight.direction.angle_between(sight.expected.direction)),
+            "saturated": self.points[sight.point].saturated,
+        })
+    }
+}
+
+fn arcsec(angle_rad: f64) -> f64 {
+    angle_rad.to_degrees() * 3600.0
+}

@@ -1,0 +1,13 @@
+//! Optical navigation.
+//!
+//! - [`stars`]: attitude from the stars of one image, lost in space.
+//! - [`planets`]: planets among an image's points, and their lines of sight.
+//! - [`image`]: the two together, from pixels.
+//! - [`filter`]: position by triangulation, position and velocity by an extended Kalman filter.
+//! - [`far_range`]: the paper's experiment among the planets.
+
+pub mod far_range;
+pub mod filter;
+pub mod image;
+pub mod planets;
+pub mod stars;

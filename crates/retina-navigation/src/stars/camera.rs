@@ -1,0 +1,155 @@
+//! From detected points to lines of sight.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec2, DVec3};
+use retina_geometry::{Calibration, Pinhole, Setup};
+use retina_image::LightPoint;
+
+/// Points closer than this are one, px: less than any camera parts.
+const SAME_PX: f64 = 1.5;
+/// Standard deviation per axis of the centroid of a spot whose top is cut off, px: an allowance, as it depends on how
+/// much is cut and on the spot's asymmetry.
+const SATURATED_SIGMA_PX: f64 = 0.5;
+
+/// The camera as far as it is known before an image is solved.
+#[derive(Debug, Clone)]
+pub struct StarCamera {
+    /// Nominal intrinsics; the focal length is refined by each solution.
+    pub pinhole: Pinhole,
+    /// Distortion that is taken off before anything else.
+    pub calibration: Option<Calibration>,
+    /// The image is a mirror image: x runs to the left.
+    pub mirrored: bool,
+}
+
+/// A point of light with its line of sight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StarPoint {
+    /// Centroid in the image, px.
+    pub pixel: DVec2,
+    /// Line of sight r = (x, y) on the tangent plane, by the nominal focal length.
+    pub line_of_sight: DVec2,
+    /// Standard deviation of the line of sight per axis, from the image's noise, rad.
+    pub sigma_rad: f64,
+    /// Light, any unit.
+    pub flux: f64,
+    /// Its brightest pixel is saturated: `flux` is a lower bound.
+    pub saturated: bool,
+}
+
+impl StarCamera {
+    /// A setup's camera, C of the setup, with a calibration where the images still hold the distortion.
+    pub fn from_setup(setup: &Setup, calibration: Option<Calibration>) -> Self {
+        Self { pinhole: setup.camera_pinhole(), calibration, mirrored: false }
+    }
+
+    /// A camera of a horizontal field (full angle, rad) and an image size.
+    pub fn from_field(horizontal_field_rad: f64, [width_px, height_px]: [u32; 2]) -> Self {
+        let f_px = 0.5 * f64::from(width_px) / (0.5 * horizontal_field_rad).tan();
+        let pinhole = Pinhole {
+            fx_px: f_px,
+            fy_px: f_px,
+            cx_px: f64::from(width_px) / 2.0,
+            cy_px: f64::from(height_px) / 2.0,
+            width_px,
+            height_px,
+        };
+        Self { pinhole, calibration: None, mirrored: false }
+    }
+
+    /// D^-1(C^-1 u): the line of sight of a pixel position; `None` where D cannot be inverted. A calibrated D^-1 is
+    /// taken at its reference irradiance: what a point's light is in W m^-2 is not known before it is identified.
+    pub fn line_of_sight(&self, pixel: DVec2) -> Option<DVec2> {
+        let seen = self.pinhole.line_of_sight(pixel);
+        let mut line_of_sight = match &self.calibration {
+            None => seen,
+            Some(Calibration { inverse: Some(inverse), .. }) => {
+                inverse.undistort(seen, inverse.reference_log10_irradiance)
+            }
+            Some(calibration) => calibration.distortion.undistort(seen).ok()?,
+        };
+        if self.mirrored {
+            line_of_sight.x = -line_of_sight.x;
+        }
+        Some(line_of_sight)
+    }
+
+    /// The points of a detection, brightest first; those without a line of sight are left out, and of several that
+    /// stand at one place (the peaks of a bright spot's own structure) all but the brightest.
+    pub fn points(&self, detected: &[LightPoint]) -> Vec<StarPoint> {
+        let mut by_cell: BTreeMap<[i64; 2], Vec<DVec2>> = BTreeMap::new();
+        detected
+            .iter()
+            .filter(|point| {
+                let at = DVec2::new(point.x_px, point.y_px);
+                let [column, row] = [at.x, at.y].map(|v| (v / SAME_PX).floor() as i64);
+                let near = (column - 1..=column + 1).flat_map(|c| (row - 1..=row + 1).map(move |r| [c, r]));
+                let again = near
+                    .filter_map(|cell| by_cell.get(&cell))
+                    .flatten()
+                    .any(|other| other.distance(at) < SAME_PX);
+                if !again {
+                    by_cell.entry([column, row]).or_default().push(at);
+                }
+                !again
+            })
+            .filter_map(|point| {
+                let pixel = DVec2::new(point.x_px, point.y_px);
+                let usable = point.flux_dn > 0.0 && point.flux_dn.is_finite() && point.sigma_px.is_finite();
+                let line_of_sight = self.line_of_sight(pixel).filter(|_| usable)?;
+                let cut_px = if point.saturated { SATURATED_SIGMA_PX } else { 0.0 };
+                Some(StarPoint {
+                    pixel,
+                    line_of_sight,
+                    sigma_rad: point.sigma_px.hypot(cut_px) / self.pinhole.fx_px,
+                    flux: point.flux_dn,
+                    saturated: point.saturated,
+                })
+            })
+            .collect()
+    }
+
+    /// Half the image's width and height on the tangent plane, and the tangent of half its diagonal.
+    pub(crate) fn half_field(&self) -> (DVec2, f64) {
+        let half = DVec2::new(
+            0.5 * f64::from(self.pinhole.width_px) / self.pinhole.fx_px,
+            0.5 * f64::from(self.pinhole.height_px) / self.pinhole.fy_px,
+        );
+        (half, half.length())
+    }
+}
+
+/// The unit vector (camera frame) of a line of sight.
+pub fn unit(line_of_sight: DVec2) -> DVec3 {
+    line_of_sight.extend(1.0).normalize()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn peaks_that_end_at_one_place_are_one_point() {
+        let point = |x_px: f64, flux_dn: f64, saturated: bool| LightPoint {
+            x_px,
+            y_px: 50.0,
+            sigma_px: 0.01,
+            flux_dn,
+            peak_dn: 1.0,
+            saturated,
+            blended: false,
+            width_px: None,
+            ellipticity: None,
+            snr: 100.0,
+        };
+        let camera = StarCamera::from_field(0.2, [200, 100]);
+        let points =
+            camera.points(&[point(60.0, 9.0, true), point(60.4, 8.0, false), point(62.0, 7.0, false)]);
+        let places: Vec<f64> = points.iter().map(|p| p.pixel.x).collect();
+        assert_eq!(places, [60.0, 62.0]);
+        // tan(0.1) at the edge, 100 px from the middle: 0.00100335 rad a pixel. The saturated one has half a pixel.
+        assert!((points[0].sigma_rad / 0.001_003_35 - 0.5001).abs() < 1e-4);
+        assert!((points[0].line_of_sight.x - -0.040_134).abs() < 1e-6);
+    }
+}
