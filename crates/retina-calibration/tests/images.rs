@@ -80,11 +80,21 @@ fn a_campaign_of_images_calibrates_the_facility() {
     println!("rms {:.3} arcsec, 99 % {:.3}", result.errors.rms_arcsec, result.errors.percentiles_arcsec[5]);
     assert!(result.heldout.fraction_within_10_arcsec > 0.99);
     // As images.csv says: two exposures of one screen, and what was noted of them.
-    std::fs::write(
-        images.join("images.csv"),
-        "image,screen,exposure_s,temperature_c,series\n000.png,000.png,0.1,20.5,a\n000.png,000,0.1,21.0,a\n",
-    )
-    .unwrap();
+    std::fs::copy(images.join("000.png"), images.join("again.png")).unwrap();
+    let list = |rows: &str| {
+        let text = format!("image,screen,exposure_s,temperature_c,series\n{rows}");
+        std::fs::write(images.join("images.csv"), text).unwrap();
+    };
+    for (rows, said) in [
+        ("000.png,000.png,0.1,20.5,a\n000.png,000,0.1,21.0,a\n", "listed twice"),
+        ("000.png,000.png,-0.1,20.5,a\n", "not positive"),
+    ] {
+        list(rows);
+        let error =
+            points_from_images(&images, folder.path(), &setup, &DetectOptions::default()).unwrap_err();
+        assert!(error.to_string().contains(said), "{error}");
+    }
+    list("000.png,000.png,0.1,20.5,a\nagain.png,000,0.1,21.0,a\n");
     let (listed, _) = points_from_images(&images, folder.path(), &setup, &DetectOptions::default()).unwrap();
     assert_eq!(listed.images.len(), 2);
     assert_eq!(listed.extra_columns, ["temperature_c", "series"]);

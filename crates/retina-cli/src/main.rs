@@ -104,7 +104,7 @@ fn check_file(path: &std::path::Path, extension: &str) -> Result<(), Failure> {
     Err(retina_files::InputError::new(path, "the name does not say what would be written")
         .found(format!("`.{found}`"))
         .expected(format!("`.{extension}`"))
-        .help("give --out another name")
+        .help("give the file another name")
         .into())
 }
 
@@ -144,7 +144,7 @@ fn check_target(path: &std::path::Path) -> Result<(), Failure> {
         Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
             Err(retina_files::InputError::new(path, "cannot be written: its folder does not exist")
                 .found(folder.display())
-                .help("make the folder, or give --out another path")
+                .help("make the folder, or give another path")
                 .into())
         }
         _ => Ok(()),

@@ -88,6 +88,30 @@ fn what_does_not_fit_is_refused_and_nothing_is_written() {
         .unwrap();
     assert_refused(&swapped, &["points.csv", "do not belong together", "swap camera_x_px and camera_y_px"]);
     assert!(!at("calibration.toml").exists());
+    // Inputs stay what they are, and each is one campaign.
+    table(&at("points.csv"), false);
+    let before = fs::read(at("points.csv")).unwrap();
+    let calibrate = |more: &[&str]| {
+        let paths: Vec<_> = more
+            .iter()
+            .map(|word| if word.contains('.') { at(word).into() } else { (*word).into() })
+            .collect::<Vec<std::ffi::OsString>>();
+        retina()
+            .args(["calibrate", "geometry", "--setup"])
+            .arg(at("setup.toml"))
+            .arg("--data")
+            .arg(at("points.csv"))
+            .arg("--out")
+            .arg(at("calibration.toml"))
+            .args(paths)
+            .output()
+            .unwrap()
+    };
+    assert_refused(&calibrate(&["--residuals", "points.csv"]), &["points.csv", "is an input"]);
+    assert_refused(&calibrate(&["--data", "points.csv"]), &["points.csv", "given twice"]);
+    assert_refused(&calibrate(&["--reference-log10-irradiance", "nan"]), &["NaN"]);
+    assert!(!at("calibration.toml").exists());
+    assert_eq!(fs::read(at("points.csv")).unwrap(), before);
     let many = retina()
         .args(["pattern", "--points", "5000", "--setup"])
         .arg(at("setup.toml"))

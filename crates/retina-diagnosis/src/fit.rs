@@ -64,6 +64,14 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
     let estimate = estimate(&shifted, &base, &robust.weights);
     let n = names.len();
     let sigma: Vec<f64> = (0..n).map(|i| estimate.covariance[i][i].sqrt()).collect();
+    if let Some(i) = (0..n).find(|&i| owner[i].is_some() && sigma[i] == 0.0) {
+        return Err(InputError::new(
+            "--effect",
+            "the effects cannot be told apart, or not from the baseline",
+        )
+        .found(format!("`{}` does what the others do", names[i]))
+        .help("leave one of them out: `retina effects ID` names those that look alike"));
+    }
     let correlation: Vec<Vec<f64>> = (0..n)
         .map(|i| {
             (0..n)

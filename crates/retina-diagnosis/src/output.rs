@@ -133,6 +133,11 @@ pub fn effects_text(effects: &[&Effect]) -> Vec<String> {
     out
 }
 
+/// Fewer groups than these can be flipped in too few ways for any p-value to be small.
+fn too_few(data: &Dataset) -> bool {
+    data.groups.len() < 8
+}
+
 /// The comparison as text.
 pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
     let unit = data.kind.unit();
@@ -143,8 +148,10 @@ pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
     let cells: Vec<String> =
         PERCENTILES.iter().zip(result.percentiles).map(|(p, v)| format!("{p} %: {v:.3}")).collect();
     out.push(format!("errors within ({unit})  {}", cells.join("  ")));
-    let seen: Vec<_> = result.dependence.iter().filter(|d| d.p_value <= 0.02).collect();
-    if seen.is_empty() {
+    let seen: Vec<_> = result.dependence.iter().filter(|d| d.p_value <= 0.02 && d.share >= 5e-4).collect();
+    if seen.is_empty() && too_few(data) {
+        out.push(format!("{} groups are too few to show what the errors depend on", data.groups.len()));
+    } else if seen.is_empty() {
         out.push("the errors depend on no column: all is noise".to_owned());
     }
     for d in seen.iter().take(8) {
@@ -166,6 +173,10 @@ pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
 pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
     let unit = data.kind.unit();
     let mut out = vec![match result.verdict {
+        Verdict::Adequate if too_few(data) => format!(
+            "adequate, as far as {} groups can tell: too few to find an effect by flips of their signs",
+            data.groups.len()
+        ),
         Verdict::Adequate => "adequate: no effect beyond noise".to_owned(),
         Verdict::Named => format!("named: {}", result.accepted.join(" and ")),
         Verdict::Confounded => {

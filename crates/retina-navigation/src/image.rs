@@ -10,6 +10,9 @@ use serde_json::{Value, json};
 use crate::planets::{PlanetSight, PriorPosition, identify_planets};
 use crate::stars::{Refusal, StarCamera, StarPoint, StarSolution, StarSolver};
 
+/// Centroids of stars in focus are good to a fifth of a pixel, faint ones included.
+const POOR_FIT_PX: f64 = 0.35;
+
 /// What is known of an image before it is solved.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ImageContext {
@@ -93,6 +96,17 @@ impl ImageResult {
         out
     }
 
+    /// What a solution's figures do not say by themselves: that the camera's model does not fit.
+    pub fn warning(&self, camera: &StarCamera) -> Option<String> {
+        let rms_px = self.solution.as_ref().ok()?.rms_rad * camera.pinhole.fx_px;
+        (rms_px > POOR_FIT_PX).then(|| {
+            format!(
+                "residuals of {rms_px:.2} px rms: the sky is found, but the camera's model does not fit it (distortion, \
+                 pixels that are not square, trails, blur), which the attitude's sigma does not cover"
+            )
+        })
+    }
+
     fn solved_json(
         &self,
         solution: &StarSolution,
@@ -117,7 +131,8 @@ impl ImageResult {
             "attitude_covariance_rad2": c.to_cols_array_2d(),
             "focal_px": focal_px, "focal_sigma_px": camera.pinhole.fx_px * solution.focal_ratio_sigma,
             "fov_deg": [field(camera.pinhole.width_px), field(camera.pinhole.height_px)],
-            "k1": solution.fit.k1, "k1_sigma": solution.k1_sigma,
+            "k1": solution.k1_sigma.map(|_| solution.fit.k1), "k1_sigma": solution.k1_sigma,
+            "warning": self.warning(camera),
             "log10_false_probability": solution.log10_false_probability,
             "zero_point_magnitude": solution.zero_point_magnitude,
         });

@@ -49,7 +49,7 @@ fn cells_that_do_not_fit() {
     refused(with("r,2.1e-6,100,200"), &["column `digital_count`", "each other's places"]);
     refused(
         with("r,20,100,200"),
-        &["column `irradiance_w_m2`", "found 200", "not a digital count or nanowatts"],
+        &["column `irradiance_w_m2`", "found 200", "not a digital count, milliwatts or microwatts"],
     );
     refused(with("r,255,100,"), &["line 17, column `irradiance_w_m2`", "the cell is empty"]);
     let stated = "channel,digital_count,square_px,irradiance_w_m2,sigma_w_m2\nr,255,100,1e-5,0\n";

@@ -29,16 +29,17 @@ pub(crate) fn check(
     let error = |problem: &str| InputError::new(&file, problem);
     let (width, height) = (f64::from(setup.screen.width_px), f64::from(setup.screen.height_px));
     for row in &table.rows {
-        // Measured places may lie somewhat beyond the sensor's edge.
-        let camera = [f64::from(setup.camera.width_px), f64::from(setup.camera.height_px)];
-        for (column, value, size) in
-            [("camera_x_px", row.camera_px.x, camera[0]), ("camera_y_px", row.camera_px.y, camera[1])]
-        {
-            if !(-0.1 * size..=1.1 * size).contains(&value) {
-                return Err(error("the point is not on the sensor")
+        // Swapped columns are told of below; here only what is no pixel at all.
+        let most = 4.0 * f64::from(setup.camera.width_px.max(setup.camera.height_px));
+        for (column, value) in [("camera_x_px", row.camera_px.x), ("camera_y_px", row.camera_px.y)] {
+            if value.abs() > most {
+                return Err(error("the point is nowhere near the sensor")
                     .cell(row.line, column)
                     .found(value)
-                    .expected(format!("0 to {size}, the camera of setup `{}`", setup.name))
+                    .expected(format!(
+                        "pixels of the camera of setup `{}`, {} x {}",
+                        setup.name, setup.camera.width_px, setup.camera.height_px
+                    ))
                     .help("is this another camera's table, or a column in another unit?"));
             }
         }

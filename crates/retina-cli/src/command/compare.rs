@@ -33,6 +33,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.report {
         crate::check_file(path, "html")?;
     }
+    arguments.input.check_apart(&arguments.effects, &[arguments.svg.as_ref(), arguments.report.as_ref()])?;
     let (_, data) = arguments.input.read()?;
     let added = super::workbench::added(&arguments.effects, &data)?;
     let result = compare(&data, &added);

@@ -35,6 +35,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.report {
         crate::check_file(path, "html")?;
     }
+    arguments.input.check_apart(&arguments.effects, &[arguments.report.as_ref()])?;
     let (_, data) = arguments.input.read()?;
     let added = super::workbench::added(&arguments.effects, &data)?;
     let options = DiagnoseOptions { flips: arguments.flips as usize, seed: arguments.seed };

@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use retina_calibration::geometry::PointsTable;
-use retina_diagnosis::{fit, fit_json, fit_page, fit_text, write_model, write_predictions};
+use retina_diagnosis::{TableKind, fit, fit_json, fit_page, fit_text, write_model, write_predictions};
+
+use retina_files::InputError;
 
 use super::workbench::Input;
 use crate::failure::Failure;
@@ -40,7 +42,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.report {
         crate::check_file(path, "html")?;
     }
+    let outputs = [arguments.out.as_ref(), arguments.predictions.as_ref(), arguments.report.as_ref()];
+    arguments.input.check_apart(&arguments.effects, &outputs)?;
     let (setup, data) = arguments.input.read()?;
+    if data.kind != TableKind::Points && arguments.out.is_some() {
+        return Err(InputError::new(
+            "--out",
+            "writes the calibration of a geometry: it is for tables of points",
+        )
+        .help("leave it out; --json and --predictions hold what was fitted")
+        .into());
+    }
     let added = super::workbench::added(&arguments.effects, &data)?;
     let result = fit(&data, &added)?;
     if let Some(path) = &arguments.out {

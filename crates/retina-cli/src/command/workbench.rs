@@ -25,6 +25,37 @@ pub(crate) struct Input {
 }
 
 impl Input {
+    /// Outputs are no inputs.
+    pub(crate) fn check_apart(
+        &self,
+        effects: &[String],
+        outputs: &[Option<&PathBuf>],
+    ) -> Result<(), Failure> {
+        let effects: Vec<PathBuf> = effects.iter().map(PathBuf::from).collect();
+        let outputs = outputs.iter().copied();
+        let inputs = self.data.iter().chain([&self.setup]).chain(&self.calibration).chain(&effects);
+        crate::check_apart(inputs, outputs, None)
+    }
+
+    /// A calibration, or a baseline of one's choice, is for points.
+    fn check_kind(&self) -> Result<(), Failure> {
+        let flag = if self.calibration.is_some() {
+            "--calibration"
+        } else if self.baseline != "physical" {
+            "--baseline"
+        } else {
+            return Ok(());
+        };
+        let Some(path) = self.data.first() else { return Ok(()) };
+        if retina_files::Table::read(path)?.columns().iter().any(|column| column == "camera_x_px") {
+            return Ok(());
+        }
+        Err(InputError::new(flag, "is for tables of points")
+            .found(format!("{}, which has no column camera_x_px", path.display()))
+            .help(format!("leave out {flag}: other tables have one baseline"))
+            .into())
+    }
+
     /// Setup and data.
     pub(crate) fn read(&self) -> Result<(Setup, Dataset), Failure> {
         let baseline = Baseline::parse(&self.baseline)?;
@@ -36,6 +67,7 @@ impl Input {
             .help("leave out one of the two")
             .into());
         }
+        self.check_kind()?;
         let setup = Setup::read(&self.setup)?;
         let calibration =
             self.calibration.as_ref().map(|path| Calibration::read(path, &setup)).transpose()?;

@@ -21,6 +21,20 @@ const REQUIRED: [&str; 6] =
 const NOT_COVARIATES: [&str; 8] =
     ["image", "camera_x_px", "camera_y_px", "sigma_px", "saturated", "screen_x_px", "screen_y_px", "flux_dn"];
 
+/// A measured pixel; far off the sensor it is a slip of the table, not an outlier.
+fn camera_px(table: &Table, row: usize, column: &str, source: &Source<'_>) -> Result<f64, InputError> {
+    let camera = &source.setup.camera;
+    let most = 4.0 * f64::from(camera.width_px.max(camera.height_px));
+    let value = table.number(row, column)?;
+    if value.abs() <= most {
+        return Ok(value);
+    }
+    Err(InputError::new(table.file(), "the point is nowhere near the sensor")
+        .cell(table.line(row), column)
+        .found(value)
+        .expected(format!("pixels of a camera of {} x {}", camera.width_px, camera.height_px)))
+}
+
 pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, InputError> {
     let mut notes = Vec::new();
     let mut groups: Vec<(String, Vec<Place>)> = Vec::new();
@@ -65,7 +79,10 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         let (table, row) = (&tables[place.table], place.row);
         let count = number_in(table, row, "digital_count", 1e-9..=255.0, "a count above 0, at most 255")?;
         let at = DVec2::new(table.number(row, "screen_x_px")?, table.number(row, "screen_y_px")?);
-        let seen = DVec2::new(table.number(row, "camera_x_px")?, table.number(row, "camera_y_px")?);
+        let seen = DVec2::new(
+            camera_px(table, row, "camera_x_px", source)?,
+            camera_px(table, row, "camera_y_px", source)?,
+        );
         let name = channel_of(table, row)?;
         let light = [Channel::R, Channel::G, Channel::B, Channel::W][usize::from(name)];
         channel.push(name);

@@ -288,6 +288,10 @@ impl StarSolver {
             }
             let kind =
                 free.unwrap_or(if matches.len() >= FEWEST_FOR_RADIAL { Free::Radial } else { Free::Focal });
+            if kind == Free::Focal {
+                // A distortion that is no longer fitted is none: it would have no uncertainty.
+                state.fit.k1 = 0.0;
+            }
             let Some(next) = state.refitted(points, &direction, matches, kind, self.pixel_rad) else { break };
             state = next;
             radius = (3.5 * state.sigma_rad).clamp(0.2 * self.pixel_rad, 1.2 * self.pixel_rad);

@@ -27,7 +27,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE", required_unless_present = "fov_deg")]
     setup: Option<PathBuf>,
     /// The calibration of images that hold the facility's distortion.
-    #[arg(long, value_name = "FILE", requires = "setup")]
+    #[arg(long, value_name = "FILE", requires = "setup", conflicts_with = "fov_deg")]
     calibration: Option<PathBuf>,
     /// Horizontal field of view, degrees: 11.4, or a range 10..13; in the place of the setup's focal length.
     #[arg(long, value_name = "DEG|DEG..DEG", conflicts_with = "setup")]
@@ -88,8 +88,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (tdb_s, context) = arguments.context()?;
     let mut prepared: BTreeMap<[u32; 2], (StarCamera, StarSolver)> = BTreeMap::new();
     let (mut documents, mut refused, mut worst_arcsec) = (Vec::new(), 0, 0.0f64);
+    let mut unreadable = None;
     for path in &arguments.images {
-        let image = arguments.read(path, &optics)?;
+        let image = match arguments.read(path, &optics) {
+            Ok(image) => image,
+            // What other images say is not lost for it.
+            Err(error) => {
+                let file = path.display().to_string();
+                documents.push(json!({
+                    "file": file, "solved": false, "reason": "unreadable", "message": "the file is no image that fits",
+                    "ra_deg": null, "dec_deg": null, "roll_deg": null, "matches": 0, "rms_arcsec": null, "planets": [],
+                }));
+                unreadable.get_or_insert(error);
+                continue;
+            }
+        };
         let (camera, solver) = prepared
             .entry([image.width_px, image.height_px])
             .or_insert_with_key(|&size| arguments.prepare(&optics, size, tdb_s));
@@ -107,6 +120,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             print_lines(&text(&file, &result, camera))?;
         }
     }
+    if let Some(error) = unreadable.take_if(|_| documents.len() == 1) {
+        return Err(error);
+    }
     if arguments.json {
         print_json(&json!({
             "schema": "retina.navigation-stars/1",
@@ -114,6 +130,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             "aberration_corrected": arguments.velocity()?.is_some(),
             "epoch": arguments.time.clone().map_or(json!("J2020.0 (assumed)"), Value::from),
         }))?;
+    }
+    if let Some(error) = unreadable {
+        return Err(error);
     }
     if arguments.all && refused > 0 {
         return Err(Failure::exceeded(format!(
@@ -189,18 +208,30 @@ impl Arguments {
 
     /// The epoch, and what goes with a position.
     fn context(&self) -> Result<(Option<f64>, ImageContext), Failure> {
-        for (flag, value, fits) in [
-            ("--focal-percent", self.focal_percent, (0.0..=20.0).contains(&self.focal_percent)),
-            ("--position-3-sigma-km", self.position_3_sigma_km, self.position_3_sigma_km > 0.0),
-            ("--threshold-sigma", self.threshold_sigma, self.threshold_sigma > 0.0),
-            ("--log10-bound", self.log10_bound, self.log10_bound <= 0.0),
+        let rms_arcsec = self.rms_arcsec.unwrap_or(1.0);
+        for (flag, value, fits, expected) in [
+            ("--focal-percent", self.focal_percent, (0.0..=20.0).contains(&self.focal_percent), "0 to 20"),
+            ("--position-3-sigma-km", self.position_3_sigma_km, self.position_3_sigma_km > 0.0, "above 0"),
+            ("--threshold-sigma", self.threshold_sigma, self.threshold_sigma > 0.0, "above 0"),
+            ("--log10-bound", self.log10_bound, self.log10_bound <= 0.0, "0 or less"),
+            ("--rms-arcsec", rms_arcsec, rms_arcsec > 0.0, "above 0"),
         ] {
             if !(fits && value.is_finite()) {
-                return Err(InputError::new(Path::new(flag), "the value does not fit").found(value).into());
+                return Err(InputError::new(Path::new(flag), "the value does not fit")
+                    .found(value)
+                    .expected(expected)
+                    .into());
             }
         }
         let Some(time) = &self.time else { return Ok((None, ImageContext::default())) };
         let tdb_s = parse_epoch(time).map_err(|error| Failure::new(format!("--time: {error}")))?;
+        // Proper motions are linear, and so are the ephemerides' centuries.
+        if tdb_s.abs() > 100.0 * 365.25 * 86_400.0 {
+            return Err(InputError::new(Path::new("--time"), "is too far away")
+                .found(time)
+                .expected("the years 1900 to 2100")
+                .into());
+        }
         // Without a position there is no parallax, no deflection and no aberration, only proper motion.
         let position = match self.position_m.as_deref() {
             None => return Ok((Some(tdb_s), ImageContext::default())),
@@ -272,6 +303,7 @@ fn text(file: &str, result: &ImageResult, camera: &StarCamera) -> Vec<String> {
         result.detect_ms,
         result.points.len()
     )];
+    lines.extend(result.warning(camera).map(|warning| format!("  warning: {warning}")));
     for planet in &result.planets {
         let at = result.points[planet.point].pixel;
         lines.push(format!("  {} at ({:.2}, {:.2}) px", planet.planet.name(), at.x, at.y));
