@@ -4,10 +4,12 @@
 //! - [`planets`]: planets among an image's points, and their lines of sight.
 //! - [`image`]: the two together, from pixels.
 //! - [`filter`]: position by triangulation, position and velocity by an extended Kalman filter.
+//! - [`limb`]: position of a resolved body from its limb.
 //! - [`far_range`]: the paper's experiment among the planets.
 
 pub mod far_range;
 pub mod filter;
 pub mod image;
+pub mod limb;
 pub mod planets;
 pub mod stars;

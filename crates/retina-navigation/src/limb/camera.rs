@@ -1,0 +1,55 @@
+//! The camera of a limb measurement: pixels to lines of sight and back.
+
+use glam::DVec2;
+use retina_geometry::{Calibration, Pinhole};
+
+/// What lies between a pixel's position and the line of sight.
+#[derive(Debug, Clone)]
+pub enum Mapping {
+    /// Nothing but the pinhole: an ideal image, or one whose distortion was compensated upstream.
+    Pinhole,
+    /// A camera image that holds the facility's distortion: r = D^-1(C^-1 u).
+    Downstream(Box<Calibration>),
+    /// A screen image that was distorted beforehand (upstream): it shows r = D(K_f^-1 u).
+    Screen(Box<Calibration>),
+}
+
+/// Intrinsics and mapping.
+#[derive(Debug, Clone)]
+pub struct LimbCamera {
+    /// C for camera images, K_f for screen images.
+    pub pinhole: Pinhole,
+    /// What else is between.
+    pub mapping: Mapping,
+}
+
+impl LimbCamera {
+    /// A pinhole.
+    pub fn pinhole(pinhole: Pinhole) -> Self {
+        Self { pinhole, mapping: Mapping::Pinhole }
+    }
+
+    /// Line of sight of an image position; `None` where D cannot be inverted. A calibrated D^-1 is taken at its
+    /// reference irradiance: its dependence on irradiance is that of points, not of a resolved body.
+    pub fn line_of_sight(&self, pixel: DVec2) -> Option<DVec2> {
+        let seen = self.pinhole.line_of_sight(pixel);
+        match &self.mapping {
+            Mapping::Pinhole => Some(seen),
+            Mapping::Downstream(calibration) => match &calibration.inverse {
+                Some(inverse) => Some(inverse.undistort(seen, inverse.reference_log10_irradiance)),
+                None => calibration.distortion.undistort(seen).ok(),
+            },
+            Mapping::Screen(calibration) => Some(calibration.distortion.distort(seen)),
+        }
+    }
+
+    /// Image position of a line of sight; `None` where D cannot be inverted.
+    pub fn pixel(&self, line_of_sight: DVec2) -> Option<DVec2> {
+        let seen = match &self.mapping {
+            Mapping::Pinhole => line_of_sight,
+            Mapping::Downstream(calibration) => calibration.distortion.distort(line_of_sight),
+            Mapping::Screen(calibration) => calibration.distortion.undistort(line_of_sight).ok()?,
+        };
+        Some(self.pinhole.pixel(seen))
+    }
+}

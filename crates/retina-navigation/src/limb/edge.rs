@@ -1,0 +1,234 @@
+//! Sub-pixel edges along an outline.
+//!
+//! The pixels about a short piece of the outline are fitted together, each at its own distance u inside the outline, by a
+//! step and a ramp behind a Gaussian PSF of standard deviation s:
+//! y = b + a Phi((u + d) / s) + c [(u + d) Phi((u + d) / s) + s phi((u + d) / s)].
+//! Nothing is interpolated, so the pixels' noise stays their own. A pixel's square aperture has the variance 1/12 px^2
+//! across an edge of any direction and is part of s. The ramp is what a curved body's shading is near its limb; without
+//! it the edge is drawn inwards.
+
+use glam::{DMat4, DVec2, DVec4};
+use retina_geometry::LimbEllipse;
+use retina_image::CameraImage;
+
+use super::LimbCamera;
+
+/// A short piece of the outline.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Node {
+    /// Its place on the outline, index.
+    pub index: usize,
+    pub at: DVec2,
+    /// Outward, unit.
+    pub normal: DVec2,
+    pub curvature_radius_px: f64,
+    /// Half its length, px.
+    pub half_length_px: f64,
+}
+
+/// A measured edge.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Edge {
+    pub node: Node,
+    /// The edge less the node along the normal, px.
+    pub shift_px: f64,
+    pub sigma_px: f64,
+    /// Step, DN.
+    pub amplitude_dn: f64,
+    /// Sum of squared residuals and degrees of freedom.
+    pub misfit: (f64, usize),
+    /// Share of the inner pixels that are saturated.
+    pub saturated: f64,
+}
+
+/// Pieces of an ellipse in the image itself.
+pub(super) fn image_outline(ellipse: &LimbEllipse) -> Vec<Node> {
+    let count = node_count(0.5 * (ellipse.semi_axes_px[0] + ellipse.semi_axes_px[1]));
+    outline(count, |k| Some(place(ellipse, k, count)))
+}
+
+/// The k-th of `count` places on an ellipse.
+fn place(ellipse: &LimbEllipse, k: usize, count: usize) -> DVec2 {
+    let angle = DVec2::from_angle(std::f64::consts::TAU * k as f64 / count as f64);
+    ellipse.center_px
+        + DVec2::from_angle(ellipse.angle_rad).rotate(angle * DVec2::from_array(ellipse.semi_axes_px))
+}
+
+/// Pieces of an ellipse of the undistorted image, where the camera shows them.
+pub(super) fn ellipse_outline(ellipse: &LimbEllipse, camera: &LimbCamera) -> Vec<Node> {
+    let count = node_count(0.5 * (ellipse.semi_axes_px[0] + ellipse.semi_axes_px[1]));
+    outline(count, |k| camera.pixel(camera.pinhole.line_of_sight(place(ellipse, k, count))))
+}
+
+/// Pieces of about 5 px.
+fn node_count(radius_px: f64) -> usize {
+    ((std::f64::consts::TAU * radius_px / 5.0) as usize).clamp(24, 720)
+}
+
+fn outline(count: usize, at: impl Fn(usize) -> Option<DVec2>) -> Vec<Node> {
+    let points: Vec<Option<DVec2>> = (0..count).map(at).collect();
+    (0..count)
+        .filter_map(|index| {
+            let here = points[index]?;
+            let before = points[(index + count - 1) % count]?;
+            let after = points[(index + 1) % count]?;
+            let chord = after - before;
+            let normal = DVec2::new(chord.y, -chord.x).normalize();
+            // Sagitta h of a chord 2 s: R = (s^2 + h^2) / 2 h.
+            let (half, sagitta) = (0.5 * chord.length(), (here - 0.5 * (before + after)).dot(normal));
+            let curvature_radius_px = (half * half + sagitta * sagitta) / (2.0 * sagitta);
+            let usable = curvature_radius_px.is_finite() && curvature_radius_px > 0.0;
+            usable.then_some(Node {
+                index,
+                at: here,
+                normal,
+                curvature_radius_px,
+                half_length_px: 0.5 * half,
+            })
+        })
+        .collect()
+}
+
+/// (distance inside the outline, DN) of the pixels about a node, and the share of inner pixels that are saturated; `None`
+/// where some would be outside the frame.
+pub(super) fn pixels(image: &CameraImage, node: &Node, half_width_px: f64) -> Option<(Vec<[f64; 2]>, f64)> {
+    let tangent = node.normal.perp();
+    let reach = node.normal.abs() * half_width_px + tangent.abs() * node.half_length_px;
+    let (low, high) = ((node.at - reach - 0.5).floor(), (node.at + reach + 0.5).ceil());
+    let size = DVec2::new(f64::from(image.width_px), f64::from(image.height_px));
+    if low.min_element() < 0.0 || high.cmpgt(size).any() {
+        return None;
+    }
+    let saturation = image.full_scale_dn * 0.995;
+    let mut out = Vec::new();
+    let (mut inner, mut saturated) = (0usize, 0usize);
+    for row in low.y as usize..high.y as usize {
+        let line = image.row(row);
+        for column in low.x as usize..high.x as usize {
+            let off = DVec2::new(column as f64 + 0.5, row as f64 + 0.5) - node.at;
+            let along = off.dot(tangent);
+            let inside = -off.dot(node.normal) - along * along / (2.0 * node.curvature_radius_px);
+            if along.abs() > node.half_length_px || inside.abs() > half_width_px {
+                continue;
+            }
+            let full = line[column] >= saturation;
+            inner += usize::from(inside > 0.0);
+            saturated += usize::from(full && inside > 0.0);
+            if !full {
+                out.push([inside, f64::from(line[column])]);
+            }
+        }
+    }
+    Some((out, saturated as f64 / inner.max(1) as f64))
+}
+
+/// The outermost place where the profile has half its step, px outside the outline: a start for [`fit_edge`]. `None`
+/// without a step above the noise.
+pub(super) fn crossing(samples: &[[f64; 2]], half_width_px: f64, noise_dn: f64) -> Option<f64> {
+    let count = (2.0 * half_width_px).ceil() as usize;
+    let mut bins = vec![(0.0, 0usize); count];
+    for [inside, value] in samples {
+        let bin = &mut bins[((inside + half_width_px) as usize).min(count - 1)];
+        *bin = (bin.0 + value, bin.1 + 1);
+    }
+    let profile: Vec<[f64; 2]> = bins
+        .iter()
+        .enumerate()
+        .filter(|(_, bin)| bin.1 > 0)
+        .map(|(k, bin)| [k as f64 + 0.5 - half_width_px, bin.0 / bin.1 as f64])
+        .collect();
+    let outside = profile.first()?[1].min(profile.get(1)?[1]);
+    let most = profile.iter().map(|bin| bin[1]).fold(f64::MIN, f64::max);
+    if most - outside < 5.0 * noise_dn {
+        return None;
+    }
+    let half = 0.5 * (most + outside);
+    let pair = profile.windows(2).find(|pair| pair[0][1] < half && pair[1][1] >= half)?;
+    let part = (half - pair[0][1]) / (pair[1][1] - pair[0][1]);
+    Some(-(pair[0][0] + part * (pair[1][0] - pair[0][0])))
+}
+
+/// Fits the edge of one node's pixels by Gauss-Newton; `None` where it does not converge within `half_width_px / 2`.
+pub(super) fn fit_edge(
+    node: &Node,
+    samples: &[[f64; 2]],
+    start_px: f64,
+    half_width_px: f64,
+    blur_px: f64,
+    noise_dn: f64,
+) -> Option<Edge> {
+    if samples.len() < 12 {
+        return None;
+    }
+    let mut shift = start_px;
+    let mut solution = DVec4::ZERO;
+    for turn in 0..8 {
+        let (mut normal, mut right) = (DMat4::ZERO, DVec4::ZERO);
+        for &[inside, value] in samples {
+            let u = inside + shift;
+            let (step, density) = normal_distribution(u / blur_px);
+            let ramp = u * step + blur_px * density;
+            // The last column is the derivative by the shift, with the amplitudes of the turn before.
+            let slope = if turn == 0 {
+                density / blur_px
+            } else {
+                solution.y * density / blur_px + solution.z * step
+            };
+            let row = DVec4::new(1.0, step, ramp, slope);
+            normal += DMat4::from_cols(row * row.x, row * row.y, row * row.z, row * row.w);
+            right += row * value;
+        }
+        // Columns are scaled to unit length: DN and pixels differ by many digits.
+        let scale = DVec4::from_array([0, 1, 2, 3].map(|k| normal.col(k)[k].max(1e-30).sqrt().recip()));
+        let scaling = DMat4::from_diagonal(scale);
+        let scaled = scaling * normal * scaling;
+        if scaled.determinant().abs() < 1e-14 {
+            return None;
+        }
+        let inverse = scaling * scaled.inverse() * scaling;
+        let solved = inverse * right;
+        let change = if turn == 0 { solved.w / solved.y } else { solved.w };
+        solution = solved;
+        if !change.is_finite() {
+            return None;
+        }
+        shift += change.clamp(-0.5 * blur_px - 0.3, 0.5 * blur_px + 0.3);
+        if shift.abs() > 0.5 * half_width_px {
+            return None;
+        }
+        if turn > 0 && change.abs() < 1e-4 {
+            let misfit: f64 = samples
+                .iter()
+                .map(|&[inside, value]| {
+                    let u = inside + shift;
+                    let (step, density) = normal_distribution(u / blur_px);
+                    let model = solution.x + solution.y * step + solution.z * (u * step + blur_px * density);
+                    (value - model).powi(2)
+                })
+                .sum();
+            let freedom = samples.len() - 4;
+            let variance = (misfit / freedom as f64).max(noise_dn * noise_dn);
+            return Some(Edge {
+                node: *node,
+                // A Gaussian blur draws the half level of a disc of radius R inwards by s^2 / 2 R.
+                shift_px: shift + blur_px * blur_px / (2.0 * node.curvature_radius_px),
+                sigma_px: (variance * inverse.w_axis.w).sqrt(),
+                amplitude_dn: solution.y,
+                misfit: (misfit, freedom),
+                saturated: 0.0,
+            });
+        }
+    }
+    None
+}
+
+/// (Phi, phi) of the standard normal distribution; Phi by Abramowitz and Stegun 7.1.26, within 7.5e-8.
+fn normal_distribution(x: f64) -> (f64, f64) {
+    let bell = (-0.5 * x * x).exp();
+    let t = 1.0 / (1.0 + 0.327_591_1 * x.abs() * std::f64::consts::FRAC_1_SQRT_2);
+    let series = t
+        * (0.254_829_592
+            + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    let tail = 0.5 * series * bell;
+    (if x > 0.0 { 1.0 - tail } else { tail }, bell / std::f64::consts::TAU.sqrt())
+}

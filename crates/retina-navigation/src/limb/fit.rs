@@ -1,0 +1,178 @@
+//! Position from limb points: Christian and Robinson, "Noniterative horizon-based optical navigation by Cholesky
+//! factorization", J. Guidance, Control, and Dynamics 39 (2016).
+//!
+//! In the space where the ellipsoid is the unit sphere (Q = diag(1 / semi-axes) in body axes) a line of sight s that
+//! touches it obeys n . Q s / |Q s| = 1, linear in n; the centre is Q^-1 n / sqrt(n . n - 1).
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+
+use super::{LimbBody, LimbCamera};
+
+/// Points further out than so many standard deviations are rejected.
+const REJECT_SIGMA: f64 = 3.5;
+/// Median of |x| of normal noise in standard deviations.
+const NORMAL_MEDIAN: f64 = 0.674_49;
+
+/// A point that goes into a fit.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Measured {
+    pub pixel: DVec2,
+    /// Outward normal of the outline, unit.
+    pub normal: DVec2,
+    pub sigma_px: f64,
+    /// Place on the outline, index.
+    pub index: usize,
+}
+
+/// Position, covariance and what became of the points.
+#[derive(Debug, Clone)]
+pub(super) struct Fit {
+    pub position_m: DVec3,
+    /// By the points alone, neighbours taken for unrelated.
+    pub covariance_m2: DMat3,
+    pub residuals_px: Vec<f64>,
+    pub used: Vec<bool>,
+    pub excess_sigma_px: f64,
+}
+
+/// One row of the linear system.
+struct Row {
+    direction: DVec3,
+    /// Change of n . direction by a pixel along the normal is n . slope.
+    slope: DVec3,
+}
+
+/// Robust fit; `None` where fewer than six points are left or they fit no body in front of the camera.
+pub(super) fn fit(points: &[Measured], camera: &LimbCamera, body: &LimbBody) -> Option<Fit> {
+    // The unit sphere's space, turned so that the points are about +z: keeps the digits.
+    let q = DMat3::from_diagonal(body.semi_axes_m.recip()) * body.camera_from_body.transpose();
+    let ray = |pixel: DVec2| camera.line_of_sight(pixel).map(|r| (q * r.extend(1.0)).normalize());
+    let rays: Vec<Option<(DVec3, DVec3)>> = points
+        .iter()
+        .map(|point| {
+            const STEP_PX: f64 = 0.25;
+            let [out, inn] = [STEP_PX, -STEP_PX].map(|step| ray(point.pixel + point.normal * step));
+            Some((ray(point.pixel)?, (out? - inn?) / (2.0 * STEP_PX)))
+        })
+        .collect();
+    let mean: DVec3 = rays.iter().flatten().map(|(direction, _)| *direction).sum();
+    if mean.length() < 1e-9 {
+        return None;
+    }
+    let turn = DMat3::from_quat(DQuat::from_rotation_arc(mean.normalize(), DVec3::Z));
+    let rows: Vec<Option<Row>> = rays
+        .iter()
+        .map(|ray| ray.map(|(direction, slope)| Row { direction: turn * direction, slope: turn * slope }))
+        .collect();
+    let sigma = |k: usize, excess: f64| points[k].sigma_px.hypot(excess);
+    // First by absolute values, which outliers hardly pull.
+    let mut weights: Vec<f64> = rows.iter().map(|row| if row.is_some() { 1.0 } else { 0.0 }).collect();
+    let (mut n, _) = solve(&rows, &weights, None)?;
+    for _ in 0..12 {
+        let residuals = residuals(&rows, n);
+        for ((weight, row), residual) in weights.iter_mut().zip(&rows).zip(&residuals) {
+            *weight = if row.is_some() { 1.0 / (residual.abs() + 0.05) } else { 0.0 };
+        }
+        n = solve(&rows, &weights, Some(n))?.0;
+    }
+    let mut used: Vec<bool> = rows.iter().map(Option::is_some).collect();
+    let mut excess = 0.0;
+    let mut covariance = DMat3::ZERO;
+    let mut spread_of: Option<f64> = None;
+    for _ in 0..8 {
+        let residuals = residuals(&rows, n);
+        // The spread is taken from all points at first, then from those in use.
+        let mut sizes: Vec<f64> =
+            residuals.iter().zip(&used).filter(|(_, used)| **used).map(|(r, _)| r.abs()).collect();
+        if sizes.len() < 6 {
+            return None;
+        }
+        let middle = sizes.len() / 2;
+        let spread = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / NORMAL_MEDIAN;
+        // It may shrink while outliers leave, and not grow again.
+        let spread = spread_of.map_or(spread, |before: f64| before.min(spread));
+        spread_of = Some(spread);
+        for (k, used) in used.iter_mut().enumerate() {
+            let limit = REJECT_SIGMA * spread.max(points[k].sigma_px);
+            *used = rows[k].is_some() && residuals[k].abs() < limit;
+        }
+        excess = excess_sigma(points, &residuals, &used)?;
+        for k in 0..weights.len() {
+            weights[k] = if used[k] { sigma(k, excess).powi(-2) } else { 0.0 };
+        }
+        (n, covariance) = solve(&rows, &weights, Some(n))?;
+    }
+    let residuals_px = residuals(&rows, n);
+    let level = n.length_squared() - 1.0;
+    if level <= 0.0 {
+        return None;
+    }
+    // P = Q^-1 turn^-1 n / sqrt(n . n - 1), and its derivative by n.
+    let back = q.inverse() * turn.transpose();
+    let outer = DMat3::from_cols(n * n.x, n * n.y, n * n.z);
+    let derivative = back * (DMat3::IDENTITY * level.powf(-0.5) - outer * level.powf(-1.5));
+    let position_m = back * n / level.sqrt();
+    let covariance_m2 = derivative * covariance * derivative.transpose();
+    (position_m.is_finite() && position_m.z > 0.0).then_some(Fit {
+        position_m,
+        covariance_m2,
+        residuals_px,
+        used,
+        excess_sigma_px: excess,
+    })
+}
+
+/// Standard deviation beyond the points' own that makes the mean squared weighted residual one.
+fn excess_sigma(points: &[Measured], residuals: &[f64], used: &[bool]) -> Option<f64> {
+    let rows: Vec<(f64, f64)> = points
+        .iter()
+        .zip(residuals)
+        .zip(used)
+        .filter(|(_, used)| **used)
+        .map(|((point, residual), _)| (point.sigma_px.powi(2), residual * residual))
+        .collect();
+    if rows.len() < 6 {
+        return None;
+    }
+    let freedom = rows.len() as f64 - 3.0;
+    let surplus = |variance: f64| rows.iter().map(|(own, r2)| r2 / (own + variance)).sum::<f64>() - freedom;
+    if surplus(0.0) <= 0.0 {
+        return Some(0.0);
+    }
+    let (mut low, mut high) = (0.0, rows.iter().map(|(_, r2)| r2).sum::<f64>());
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if surplus(middle) > 0.0 { low = middle } else { high = middle }
+    }
+    Some(high.sqrt())
+}
+
+/// Measured less fitted along the outward normal, px.
+fn residuals(rows: &[Option<Row>], n: DVec3) -> Vec<f64> {
+    // n . s falls below one outside the limb.
+    let residual = |row: &Row| (n.dot(row.direction) - 1.0) / n.dot(row.slope);
+    rows.iter().map(|row| row.as_ref().map_or(0.0, residual)).collect()
+}
+
+/// n with its covariance; weights are inverse variances in px^-2. `about` gives the sensitivity of a row to a pixel;
+/// without it all rows have the same.
+fn solve(rows: &[Option<Row>], weights: &[f64], about: Option<DVec3>) -> Option<(DVec3, DMat3)> {
+    let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
+    for (row, weight) in rows.iter().zip(weights) {
+        let Some(row) = row else { continue };
+        let per_px = about.map_or(1.0, |n| n.dot(row.slope));
+        let weight = weight / (per_px * per_px);
+        let s = row.direction;
+        normal += DMat3::from_cols(s * s.x, s * s.y, s * s.z) * weight;
+        right += s * weight;
+    }
+    let scale = DVec3::new(normal.x_axis.x, normal.y_axis.y, normal.z_axis.z).map(|v| v.sqrt().recip());
+    let scaling = DMat3::from_diagonal(scale);
+    let scaled = scaling * normal * scaling;
+    if !scaled.is_finite() || scaled.determinant() < 1e-13 {
+        return None;
+    }
+    let covariance = scaling * scaled.inverse() * scaling;
+    let n = covariance * right;
+    n.is_finite().then_some((n, covariance))
+}

@@ -1,0 +1,161 @@
+//! Position of a resolved body from its limb.
+//!
+//! 1. `coarse`: the lit blob and the circle about its outer border (RANSAC).
+//! 2. `edge`: sub-pixel edges along the outline on the lit side, by a step with PSF.
+//! 3. `fit`: position and covariance without iteration over the position (Christian and Robinson 2016).
+//!
+//! [`solve_limb`] runs them and judges the answer: a body, or a [`Refusal`].
+
+mod camera;
+mod coarse;
+mod edge;
+mod fit;
+mod solve;
+
+use glam::{DMat3, DVec2, DVec3};
+use retina_geometry::LimbEllipse;
+use thiserror::Error;
+
+pub use camera::{LimbCamera, Mapping};
+pub use solve::solve_limb;
+
+/// The body that is looked at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LimbBody {
+    /// Semi-axes of its ellipsoid along the body axes, m.
+    pub semi_axes_m: DVec3,
+    /// Turns body axes into camera axes; without effect for a sphere.
+    pub camera_from_body: DMat3,
+}
+
+impl LimbBody {
+    /// A sphere.
+    pub fn sphere(radius_m: f64) -> Self {
+        Self { semi_axes_m: DVec3::splat(radius_m), camera_from_body: DMat3::IDENTITY }
+    }
+
+    /// Mean of the semi-axes, m.
+    pub fn mean_radius_m(&self) -> f64 {
+        self.semi_axes_m.element_sum() / 3.0
+    }
+}
+
+/// What is known beforehand, and what is asked of an answer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LimbOptions {
+    /// Towards the Sun in the image, any length; found from the lit shape where absent.
+    pub sun_direction_px: Option<DVec2>,
+    /// Mean height of the seen limb above the reference surface, m: peaks stand before valleys.
+    pub limb_height_m: f64,
+    /// Standard deviation of the limb's mean height and of its first-degree part over the arc, m. Terrain of shorter
+    /// scale shows in the residuals and is counted from there; these two a fit cannot see.
+    pub limb_height_sigma_m: f64,
+    /// Smallest radius that is taken for a resolved body, px.
+    pub least_radius_px: f64,
+    /// Least length of the measured arc, rad.
+    pub least_arc_rad: f64,
+}
+
+impl Default for LimbOptions {
+    fn default() -> Self {
+        Self {
+            sun_direction_px: None,
+            limb_height_m: 0.0,
+            limb_height_sigma_m: 0.0,
+            least_radius_px: 8.0,
+            least_arc_rad: std::f64::consts::FRAC_PI_3,
+        }
+    }
+}
+
+/// A point of the limb.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LimbPoint {
+    /// Where it is in the image, px.
+    pub pixel: DVec2,
+    /// Standard deviation across the limb by the edge's own fit, px.
+    pub sigma_px: f64,
+    /// Measured less fitted outline along the outward normal, px.
+    pub residual_px: f64,
+    /// False where it was rejected as an outlier.
+    pub used: bool,
+}
+
+/// A body's position.
+#[derive(Debug, Clone)]
+pub struct LimbSolution {
+    /// Position of the body's centre, camera frame, m.
+    pub position_camera_m: DVec3,
+    /// Its covariance, m^2.
+    pub covariance_m2: DMat3,
+    /// Outline of the body at that position in the undistorted image.
+    pub ellipse: LimbEllipse,
+    /// Mean of the outline's semi-axes and its standard deviation, px.
+    pub radius_px: [f64; 2],
+    /// Standard deviations of the outline's centre, px.
+    pub center_sigma_px: DVec2,
+    /// Points of the limb in the order of the outline.
+    pub points: Vec<LimbPoint>,
+    /// Root mean square of the used points' residuals, px.
+    pub rms_px: f64,
+    /// Standard deviation of what the edges' own noise does not explain, px: terrain, distortion.
+    pub excess_sigma_px: f64,
+    /// Variance of the position over that of unrelated points: neighbours share terrain.
+    pub correlation_factor: f64,
+    /// Length of the measured arc, rad.
+    pub arc_rad: f64,
+    /// Standard deviation of the edge's blur, the pixel's aperture included, px.
+    pub blur_sigma_px: f64,
+}
+
+/// Why an image gives no position.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum Refusal {
+    /// Nothing is lit that is as large as asked for: an empty sky, stars, a body in eclipse.
+    #[error("no lit body of at least {least_radius_px:.0} px radius is in the image")]
+    NoBody {
+        /// The smallest radius asked for, px.
+        least_radius_px: f64,
+    },
+    /// The frame leaves too short an arc.
+    #[error("the body is cut by the frame: an arc of {arc_deg:.0} deg is left, {least_deg:.0} are needed")]
+    CutByFrame {
+        /// What is left, deg.
+        arc_deg: f64,
+        /// What is needed, deg.
+        least_deg: f64,
+    },
+    /// The lit crescent is thinner than an edge needs, or too short.
+    #[error("the crescent is too thin or short: {width_px:.1} px wide, {arc_deg:.0} deg of limb measured")]
+    ThinCrescent {
+        /// Greatest width, px.
+        width_px: f64,
+        /// Measured arc, deg.
+        arc_deg: f64,
+    },
+    /// The limb is saturated: where its edge lies cannot be seen.
+    #[error("{percent:.0} % of the pixels inside the limb are saturated: expose shorter")]
+    Saturated {
+        /// Share of the pixels, %.
+        percent: f64,
+    },
+    /// Something is lit, but its border is not the outline of the body.
+    #[error("what is lit is not the body: {why}")]
+    NotTheBody {
+        /// What does not fit.
+        why: &'static str,
+    },
+}
+
+impl Refusal {
+    /// A name for files.
+    pub fn reason(&self) -> &'static str {
+        match self {
+            Self::NoBody { .. } => "no_body",
+            Self::CutByFrame { .. } => "cut_by_frame",
+            Self::ThinCrescent { .. } => "thin_crescent",
+            Self::Saturated { .. } => "saturated",
+            Self::NotTheBody { .. } => "not_the_body",
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! What is no limb, or not enough of one, is refused by name.
+
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
+
+mod common;
+
+use common::{Disc, add_noise, camera};
+use glam::DVec2;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
+use rayon::prelude::*;
+use retina_geometry::LimbEllipse;
+use retina_image::CameraImage;
+use retina_navigation::limb::{LimbBody, LimbCamera, LimbOptions, LimbSolution, Refusal, solve_limb};
+
+const SIZE: [u32; 2] = [240, 200];
+
+fn solve(image: &CameraImage) -> Result<LimbSolution, Refusal> {
+    let camera = LimbCamera::pinhole(camera(3000.0, SIZE));
+    solve_limb(image, &camera, &LimbBody::sphere(1.7374e6), &LimbOptions::default())
+}
+
+/// A disc with noise, or what the options make of it.
+fn disc(center: [f64; 2], radius_px: f64, phase_deg: f64, light_dn: f64) -> CameraImage {
+    let limb = LimbEllipse { center_px: center.into(), semi_axes_px: [radius_px; 2], angle_rad: 0.0 };
+    let disc =
+        Disc { limb, phase_rad: phase_deg.to_radians(), sun_rad: 0.4, light_dn, psf_px: 0.8, shading: 0.0 };
+    let mut image = disc.draw(SIZE);
+    add_noise(&mut image, 6.0, &mut ChaCha8Rng::seed_from_u64(3));
+    image
+}
+
+#[test]
+fn half_out_of_the_frame_is_solved_and_a_sliver_refused() {
+    let solution = solve(&disc([2.0, 100.0], 70.0, 0.0, 2000.0)).unwrap();
+    assert!((solution.ellipse.center_px - DVec2::new(2.0, 100.0)).length() < 0.1, "{:?}", solution.ellipse);
+    let refusal = solve(&disc([-62.0, 100.0], 70.0, 0.0, 2000.0)).unwrap_err();
+    assert!(["cut_by_frame", "no_body", "thin_crescent"].contains(&refusal.reason()), "{refusal}");
+}
+
+#[test]
+fn thin_crescent_eclipse_and_saturation_are_refused() {
+    let refusal = solve(&disc([120.0, 100.0], 70.0, 165.0, 2000.0)).unwrap_err();
+    assert!(["thin_crescent", "no_body"].contains(&refusal.reason()), "{refusal}");
+    assert_eq!(solve(&disc([120.0, 100.0], 70.0, 0.0, 0.0)).unwrap_err().reason(), "no_body");
+    assert_eq!(solve(&disc([120.0, 100.0], 70.0, 0.0, 9000.0)).unwrap_err().reason(), "saturated");
+}
+
+/// Noise, stars of several widths up to 12 px, clouds, stripes.
+fn without_body(seed: u64) -> CameraImage {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut unit = || f64::from(random.next_u32()) / f64::from(u32::MAX);
+    let mut image = CameraImage::new(SIZE[0], SIZE[1], 4095.0);
+    let spots = (unit() * 40.0) as usize;
+    let spread = [1.2, 4.0, 12.0, 40.0][(seed % 4) as usize];
+    for _ in 0..spots {
+        let at = DVec2::new(unit() * 240.0, unit() * 200.0);
+        let (width, light) = (0.8 + unit() * spread, 20.0 * 1000f64.powf(unit()));
+        for (k, value) in image.values.iter_mut().enumerate() {
+            let off = DVec2::new((k % 240) as f64 + 0.5, (k / 240) as f64 + 0.5) - at;
+            *value += (light * (-0.5 * off.length_squared() / (width * width)).exp()) as f32;
+        }
+    }
+    if seed.is_multiple_of(5) {
+        let (edge, slope) = (unit() * 200.0, unit() - 0.5);
+        for (k, value) in image.values.iter_mut().enumerate() {
+            *value += if (k / 240) as f64 > edge + slope * (k % 240) as f64 { 900.0 } else { 0.0 };
+        }
+    }
+    add_noise(&mut image, 1.0 + 30.0 * unit(), &mut random);
+    image
+}
+
+#[test]
+fn no_frame_without_a_body_is_accepted() {
+    let accepted: Vec<u64> =
+        (0..2000).into_par_iter().filter(|&seed| solve(&without_body(seed)).is_ok()).collect();
+    assert!(accepted.is_empty(), "{} of 2000: {:?}", accepted.len(), &accepted[..accepted.len().min(12)]);
+}
