@@ -101,8 +101,11 @@ fn what_does_not_fit_is_refused() {
         ),
         (
             vec!["--fov-deg", "11", "--focal-percent", "90"],
-            "--focal-percent: the value does not fit (found 90)",
+            "--focal-percent: the value does not fit (found 90, expected 0 to 20)",
         ),
+        (vec!["--fov-deg", "11", "--rms-arcsec", "NaN"], "--rms-arcsec: the value does not fit (found NaN"),
+        (vec!["--fov-deg", "11", "--calibration", "none.toml"], "cannot be used with"),
+        (vec!["--fov-deg", "11", "--time", "1000-01-01"], "the years 1900 to 2100"),
     ] {
         let mut all = vec!["navigate", "stars", image];
         all.extend(arguments);
@@ -111,6 +114,14 @@ fn what_does_not_fit_is_refused() {
         assert!(text(&out.stderr).contains(part), "{all:?}: {}", text(&out.stderr));
         assert!(out.stdout.is_empty());
     }
+    // What the other images say is not lost for one that cannot be read.
+    let missing = folder.path().join("missing.png");
+    let out = retina(&["navigate", "stars", image, missing.to_str().unwrap(), "--fov-deg", "11", "--json"]);
+    assert_eq!(out.status.code(), Some(2));
+    assert!(text(&out.stderr).contains("missing.png"), "{}", text(&out.stderr));
+    let document: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(document["images"][1]["reason"], "unreadable");
+    assert!(document["images"][0]["solved"].is_boolean());
 }
 
 #[test]
