@@ -16,7 +16,7 @@ const MOST_COLUMNS: usize = 8;
 /// Rows drawn at most: more hide each other.
 const MOST_ROWS: usize = 3000;
 
-/// Writes [`figure_svg`] into a file.
+/// Writes the figure: vectors over the field (points), then the errors against each column.
 ///
 /// # Errors
 /// The file cannot be written.
