@@ -199,7 +199,7 @@ fn well_exposed_s(bench: &Bench, pattern: &Pattern) -> f64 {
 }
 
 /// Digital number from which a pixel counts as saturated: 99 % of what the sensor can give.
-pub(crate) fn saturation_dn(bench: &Bench) -> f32 {
+pub fn saturation_dn(bench: &Bench) -> f32 {
     0.99 * bench.sensor().saturation_dn() as f32
 }
 
@@ -222,7 +222,8 @@ fn screen_image(pattern: &Pattern, screen: &PatternScreen, width_px: u32, height
     image
 }
 
-pub(crate) fn camera_image(bench: &Bench, frame: CameraFrame) -> CameraImage {
+/// A frame of the bench as the image that a camera would store.
+pub fn camera_image(bench: &Bench, frame: CameraFrame) -> CameraImage {
     CameraImage {
         width_px: frame.width_px as u32,
         height_px: frame.height_px as u32,

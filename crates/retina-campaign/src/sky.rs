@@ -2,14 +2,16 @@
 //! and why the two differ.
 
 use glam::DVec2;
-use retina_bench::{Bench, BenchError, CameraFrame, Exposure, OpticsDetail, ScreenImage};
+use retina_bench::{Bench, BenchError, Exposure, OpticsDetail, ScreenImage};
 use retina_files::InputError;
 use retina_geometry::Calibration;
+use retina_image::CameraImage;
 use retina_optics::facility::{Kernel, KernelGrid, SpectralLine, airy_kernel};
 use retina_radiometry::{ScreenResponse, irradiance_of_magnitude_w_m2_nm, magnitude_of_irradiance};
 use retina_screen::PointPainter;
 
 use crate::Facility;
+use crate::points::camera_image;
 
 /// Half the side of a cut-out, pixels.
 pub(crate) const CUT_PX: usize = 16;
@@ -111,9 +113,9 @@ pub struct Comparison {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SkyResult {
     /// The bench's image.
-    pub bench: CameraFrame,
+    pub bench: CameraImage,
     /// The sky's.
-    pub sky: CameraFrame,
+    pub sky: CameraImage,
     /// Exposure time, s.
     pub exposure_s: f64,
     /// Background of the sky's image, electrons a pixel.
@@ -203,8 +205,8 @@ pub fn compare_with_sky(
     sky.iter_mut().for_each(|value| *value += background_e as f32);
     let screen = ScreenImage::grey(k_f.width_px, k_f.height_px, &counts);
     let shown_light = bench.light_e(&screen, &exposure)?;
-    let bench_frame = bench.read(&shown_light, &exposure);
-    let sky_frame = bench.read(&sky, &Exposure { frame: 1, ..exposure });
+    let bench_image = camera_image(&bench, bench.read(&shown_light, &exposure));
+    let sky_image = camera_image(&bench, bench.read(&sky, &Exposure { frame: 1, ..exposure }));
     let comparisons = options
         .objects
         .iter()
@@ -212,7 +214,7 @@ pub fn compare_with_sky(
         .enumerate()
         .map(|(i, (object, (displayed_magnitude, lit_pixels)))| {
             let spot = |light: &[f32]| Spot::of(light, size, place(i));
-            let seen = |frame: &CameraFrame, light: &[f32]| seen_px(&bench, frame, light, size, place(i));
+            let seen = |image: &CameraImage, light: &[f32]| seen_px(&bench, image, light, size, place(i));
             Comparison {
                 object: object.clone(),
                 displayed_magnitude,
@@ -222,11 +224,11 @@ pub fn compare_with_sky(
                 space: spot(&space),
                 ideal_facility: spot(&ideal),
                 bench: spot(&shown_light),
-                seen_px: [seen(&bench_frame, &shown_light), seen(&sky_frame, &sky)],
+                seen_px: [seen(&bench_image, &shown_light), seen(&sky_image, &sky)],
             }
         })
         .collect();
-    Ok(SkyResult { bench: bench_frame, sky: sky_frame, exposure_s, background_e, comparisons })
+    Ok(SkyResult { bench: bench_image, sky: sky_image, exposure_s, background_e, comparisons })
 }
 
 /// A flat spectrum as lines, shares by the electrons they make (eq. 9).
@@ -320,9 +322,9 @@ impl Spot {
 }
 
 /// Pixels of an image that stand out from its background by five times its noise.
-fn seen_px(bench: &Bench, frame: &CameraFrame, light: &[f32], size: [usize; 2], at: DVec2) -> usize {
-    let values: Vec<f32> = frame.dn.iter().map(|&dn| f32::from(dn)).collect();
-    let background = rim(&values, size, at);
+fn seen_px(bench: &Bench, image: &CameraImage, light: &[f32], size: [usize; 2], at: DVec2) -> usize {
+    let values = &image.values;
+    let background = rim(values, size, at);
     let gain = bench.sensor().gain_e_per_dn;
     let read_e = bench.setup().noise.read_noise_e;
     let sigma_dn = ((rim(light, size, at) + read_e * read_e).sqrt() / gain).max(0.5);

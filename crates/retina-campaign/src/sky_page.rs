@@ -1,6 +1,6 @@
 //! The comparison of bench and sky as a page.
 
-use retina_bench::CameraFrame;
+use retina_image::CameraImage;
 use retina_plot::{Axis, Figure, HeatMap, Panel};
 use retina_report::{Page, Section};
 
@@ -13,7 +13,7 @@ const PANEL_PX: [f64; 2] = [330.0, 290.0];
 pub fn sky_page(result: &SkyResult, options: &SkyOptions, facility: &Facility) -> Page {
     let mut figure = Figure::new("", result.comparisons.len(), 2, PANEL_PX);
     for (row, comparison) in result.comparisons.iter().enumerate() {
-        let cuts = [&result.bench, &result.sky].map(|frame| cut_out(frame, comparison));
+        let cuts = [&result.bench, &result.sky].map(|image| cut_out(image, comparison));
         // One scale for both, so that brightness compares.
         let range = [0.0, cuts.iter().flat_map(|cut| cut.values.iter().copied()).fold(1.0, f64::max)];
         for (column, (cut, where_)) in cuts.iter().zip(["bench", "sky"]).enumerate() {
@@ -86,11 +86,11 @@ pub fn sky_page(result: &SkyResult, options: &SkyOptions, facility: &Facility) -
         )
 }
 
-fn cut_out(frame: &CameraFrame, comparison: &Comparison) -> HeatMap {
+fn cut_out(image: &CameraImage, comparison: &Comparison) -> HeatMap {
     let first = [comparison.at_px.x, comparison.at_px.y].map(|v| (v as usize).saturating_sub(CUT_PX));
-    let columns = (2 * CUT_PX + 1).min(frame.width_px - first[0]);
-    let rows = (2 * CUT_PX + 1).min(frame.height_px - first[1]);
-    let at = |i: usize| frame.dn[(first[1] + i / columns) * frame.width_px + first[0] + i % columns];
+    let columns = (2 * CUT_PX + 1).min(image.width_px as usize - first[0]);
+    let rows = (2 * CUT_PX + 1).min(image.height_px as usize - first[1]);
+    let at = |i: usize| image.at(first[0] + i % columns, first[1] + i / columns);
     // Upwards.
     let flipped = |i: usize| (rows - 1 - i / columns) * columns + i % columns;
     let counts: Vec<f64> = (0..rows * columns).map(|i| f64::from(at(flipped(i)))).collect();

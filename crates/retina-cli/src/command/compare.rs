@@ -27,13 +27,8 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    if let Some(path) = &arguments.svg {
-        crate::check_file(path, "svg")?;
-    }
-    if let Some(path) = &arguments.report {
-        crate::check_file(path, "html")?;
-    }
-    arguments.input.check_apart(&arguments.effects, &[arguments.svg.as_ref(), arguments.report.as_ref()])?;
+    let outputs = [(&arguments.svg, "svg"), (&arguments.report, "html")];
+    arguments.input.check_outputs(&arguments.effects, &outputs)?;
     let (_, data) = arguments.input.read()?;
     let added = super::workbench::added(&arguments.effects, &data)?;
     let result = compare(&data, &added);

@@ -32,10 +32,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    if let Some(path) = &arguments.report {
-        crate::check_file(path, "html")?;
-    }
-    arguments.input.check_apart(&arguments.effects, &[arguments.report.as_ref()])?;
+    arguments.input.check_outputs(&arguments.effects, &[(&arguments.report, "html")])?;
     let (_, data) = arguments.input.read()?;
     let added = super::workbench::added(&arguments.effects, &data)?;
     let options = DiagnoseOptions { flips: arguments.flips as usize, seed: arguments.seed };

@@ -33,17 +33,8 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    if let Some(path) = &arguments.out {
-        crate::check_file(path, "toml")?;
-    }
-    if let Some(path) = &arguments.predictions {
-        crate::check_file(path, "csv")?;
-    }
-    if let Some(path) = &arguments.report {
-        crate::check_file(path, "html")?;
-    }
-    let outputs = [arguments.out.as_ref(), arguments.predictions.as_ref(), arguments.report.as_ref()];
-    arguments.input.check_apart(&arguments.effects, &outputs)?;
+    let outputs = [(&arguments.out, "toml"), (&arguments.predictions, "csv"), (&arguments.report, "html")];
+    arguments.input.check_outputs(&arguments.effects, &outputs)?;
     let (setup, data) = arguments.input.read()?;
     if data.kind != TableKind::Points && arguments.out.is_some() {
         return Err(InputError::new(

@@ -25,14 +25,17 @@ pub(crate) struct Input {
 }
 
 impl Input {
-    /// Outputs are no inputs.
-    pub(crate) fn check_apart(
+    /// Outputs have the names of what they are, can be written, and are no inputs.
+    pub(crate) fn check_outputs(
         &self,
         effects: &[String],
-        outputs: &[Option<&PathBuf>],
+        outputs: &[(&Option<PathBuf>, &str)],
     ) -> Result<(), Failure> {
+        for (path, extension) in outputs {
+            path.as_ref().map_or(Ok(()), |path| crate::check_file(path, extension))?;
+        }
         let effects: Vec<PathBuf> = effects.iter().map(PathBuf::from).collect();
-        let outputs = outputs.iter().copied();
+        let outputs = outputs.iter().map(|(path, _)| path.as_ref());
         let inputs = self.data.iter().chain([&self.setup]).chain(&self.calibration).chain(&effects);
         crate::check_apart(inputs, outputs, None)
     }

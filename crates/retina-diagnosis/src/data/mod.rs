@@ -86,6 +86,19 @@ pub struct Group {
     pub rows: Range<usize>,
 }
 
+impl Group {
+    /// Groups one after the other, from their names and numbers of rows.
+    fn in_order(groups: impl Iterator<Item = (String, usize)>) -> Vec<Self> {
+        let mut start = 0;
+        groups
+            .map(|(name, count)| {
+                start += count;
+                Self { name, rows: start - count..start }
+            })
+            .collect()
+    }
+}
+
 /// A table ready to be explained; rows are sorted by group.
 #[derive(Debug, Clone)]
 pub struct Dataset {

@@ -101,14 +101,7 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         }
     }
     let rows = places.len();
-    let mut start = 0;
-    let groups: Vec<Group> = groups
-        .into_iter()
-        .map(|((_, name), rows)| {
-            start += rows.len();
-            Group { name, rows: start - rows.len()..start }
-        })
-        .collect();
+    let groups = Group::in_order(groups.into_iter().map(|((_, name), rows)| (name, rows.len())));
     Ok(Dataset {
         kind: TableKind::Power,
         y,

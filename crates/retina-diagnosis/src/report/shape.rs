@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use faer::linalg::solvers::Solve as _;
+use faer::{Mat, Side};
 use retina_files::InputError;
 use retina_plot::{Axis, Figure, PALETTE, Panel, Style};
 
@@ -109,36 +111,25 @@ fn formula(data: &Dataset, name: &str, values: &[f64], residual: &[f64], rows: &
 /// Coefficients of t, t^2, t^3 of a polynomial with a constant, least squares.
 fn polynomial(rows: &[usize], t: &impl Fn(usize) -> f64, y: impl Fn(usize) -> f64) -> [f64; DEGREE] {
     const SIDE: usize = DEGREE + 1;
-    // A trace of ridge: a column of few values has fewer coefficients than asked for.
-    let mut normal = [[0.0; SIDE]; SIDE];
-    let mut right = [0.0; SIDE];
+    let powers = |row: usize| -> [f64; SIDE] { std::array::from_fn(|k| t(row).powi(k as i32)) };
+    let mut normal = Mat::<f64>::zeros(SIDE, SIDE);
+    let mut right = Mat::<f64>::zeros(SIDE, 1);
     for &row in rows {
-        let powers: [f64; SIDE] = std::array::from_fn(|k| t(row).powi(k as i32));
+        let powers = powers(row);
         for i in 0..SIDE {
-            right[i] += powers[i] * y(row);
+            right[(i, 0)] += powers[i] * y(row);
             for j in 0..SIDE {
-                normal[i][j] += powers[i] * powers[j];
+                normal[(i, j)] += powers[i] * powers[j];
             }
         }
     }
-    for (i, row) in normal.iter_mut().enumerate() {
-        row[i] += 1e-6 * rows.len() as f64;
-    }
-    // Gauss's elimination: positive definite, so no pivot is sought.
+    // A trace of ridge: a column of few values has fewer coefficients than asked for.
     for i in 0..SIDE {
-        for j in i + 1..SIDE {
-            let factor = normal[j][i] / normal[i][i];
-            let upper = normal[i];
-            normal[j].iter_mut().zip(upper).for_each(|(lower, upper)| *lower -= factor * upper);
-            right[j] -= factor * right[i];
-        }
+        normal[(i, i)] += 1e-6 * rows.len() as f64;
     }
-    let mut out = [0.0; SIDE];
-    for i in (0..SIDE).rev() {
-        let known: f64 = (i + 1..SIDE).map(|j| normal[i][j] * out[j]).sum();
-        out[i] = (right[i] - known) / normal[i][i];
-    }
-    std::array::from_fn(|k| out[k + 1])
+    let Ok(decomposed) = normal.llt(Side::Lower) else { return [0.0; DEGREE] };
+    let solution = decomposed.solve(&right);
+    std::array::from_fn(|k| solution[(k + 1, 0)])
 }
 
 #[cfg(test)]

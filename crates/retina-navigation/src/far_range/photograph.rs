@@ -3,8 +3,8 @@
 use glam::DVec2;
 use rand_chacha::ChaCha8Rng;
 use retina_bench::{Bench, BenchError, Exposure, OpticsDetail, ScreenImage};
-use retina_campaign::{Facility, Table};
-use retina_image::{CameraImage, DetectOptions, detect_points};
+use retina_campaign::{Facility, Table, camera_image, saturation_dn};
+use retina_image::{DetectOptions, detect_points};
 use retina_radiometry::{ScreenResponse, irradiance_of_magnitude_w_m2_nm};
 use retina_screen::PointPainter;
 
@@ -85,14 +85,9 @@ impl Photographer {
             }
             _ => bench.read(&self.light_e(sources, bench), &exposure),
         };
-        let image = CameraImage {
-            width_px: photograph.width_px as u32,
-            height_px: photograph.height_px as u32,
-            values: photograph.dn.iter().map(|&dn| f32::from(dn)).collect(),
-            full_scale_dn: f32::from(bench.sensor().largest_dn()),
-        };
+        let image = camera_image(bench, photograph);
         let options = DetectOptions {
-            saturation_dn: Some(0.99 * bench.sensor().saturation_dn() as f32),
+            saturation_dn: Some(saturation_dn(bench)),
             gain_e_per_dn: Some(bench.sensor().gain_e_per_dn),
             ..DetectOptions::default()
         };

@@ -87,8 +87,7 @@ impl Imaging {
             let seen = wavefront.plus(&objective(nm));
             passed += weight * add_line(&mut sum, &seen, mask_of, (nm, weight), frame, grid)?;
         }
-        let on_grid: f64 = sum.iter().sum::<f64>() / (grid.per_px * grid.per_px) as f64;
-        Ok(Kernel { grid, values: sum.iter().map(|v| *v as f32).collect(), beyond: passed - on_grid })
+        Ok(Kernel::of(grid, &sum, passed))
     }
 }
 
@@ -109,8 +108,7 @@ pub fn airy_kernel(
     for &line in lines {
         passed += line.1 * add_line(&mut sum, &flat, |_| Ok(None), line, ahead, grid)?;
     }
-    let on_grid: f64 = sum.iter().sum::<f64>() / (grid.per_px * grid.per_px) as f64;
-    Ok(Kernel { grid, values: sum.iter().map(|v| *v as f32).collect(), beyond: passed - on_grid })
+    Ok(Kernel::of(grid, &sum, passed))
 }
 
 /// Adds the image in one line; returns the share that the pupil passes.
@@ -222,6 +220,12 @@ fn transform(values: &mut [Complex32], side: usize, filled: usize) {
 }
 
 impl Kernel {
+    /// Of sums over spectral lines; `passed`: the share of the light that the pupil passes.
+    fn of(grid: KernelGrid, sum: &[f64], passed: f64) -> Self {
+        let on_grid: f64 = sum.iter().sum::<f64>() / (grid.per_px * grid.per_px) as f64;
+        Self { grid, values: sum.iter().map(|v| *v as f32).collect(), beyond: passed - on_grid }
+    }
+
     /// Spreads each point over a box of these extents (pixels): a pixel's or a source's area.
     pub fn spread(&mut self, [width_px, height_px]: [f64; 2]) {
         let side = self.grid.side();

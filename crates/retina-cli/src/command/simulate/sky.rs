@@ -2,11 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_bench::CameraFrame;
 use retina_campaign::{SkyObject, SkyOptions, Spot, Table, compare_with_sky, sky_page};
 use retina_files::InputError;
 use retina_geometry::Calibration;
-use retina_image::CameraImage;
 use serde_json::{Value, json};
 
 use super::{Common, positive};
@@ -61,8 +59,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         arguments.calibration.as_deref().map(|path| Calibration::read(path, &facility.setup)).transpose()?;
     let result = compare_with_sky(&facility, calibration.as_ref(), &options)?;
     common.make_folder()?;
-    for (name, frame) in [("bench.png", &result.bench), ("sky.png", &result.sky)] {
-        image(frame, &facility.setup).write_png(&common.out.join(name))?;
+    for (name, image) in [("bench.png", &result.bench), ("sky.png", &result.sky)] {
+        image.write_png(&common.out.join(name))?;
     }
     sky_page(&result, &options, &facility).write(&common.out.join("sky.html"))?;
     for c in &result.comparisons {
@@ -103,15 +101,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         "exposure_s": result.exposure_s, "background_e": result.background_e, "objects": objects
     });
     common.finish("sky", &facility, summary)
-}
-
-fn image(frame: &CameraFrame, setup: &retina_geometry::Setup) -> CameraImage {
-    CameraImage {
-        width_px: frame.width_px as u32,
-        height_px: frame.height_px as u32,
-        values: frame.dn.iter().map(|&dn| f32::from(dn)).collect(),
-        full_scale_dn: 2f32.powi(setup.camera.bits as i32) - 1.0,
-    }
 }
 
 fn finite(flag: &str, value: f64) -> Result<f64, Failure> {
