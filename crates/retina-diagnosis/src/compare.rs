@@ -1,11 +1,11 @@
 //! How far a model is from the data: errors against the noise, the worst groups, what the errors depend on.
 
+use crate::added::{AddedEffect, adjusted};
 use crate::data::{ARCSEC_PER_RAD, Dataset, TableKind};
 use crate::diagnose::MOST_ROWS;
 use crate::noise::Weights;
 use crate::score::{Flips, Frame};
 use crate::screens::{columns_of, screen_p_values, screens};
-use crate::user::{AddedEffect, adjusted};
 
 /// Percentiles that are reported.
 pub(crate) const PERCENTILES: [u32; 6] = [50, 68, 90, 95, 96, 99];
@@ -60,7 +60,7 @@ pub struct Comparison {
     pub fraction_within_10_arcsec: Option<f64>,
     /// Groups with the largest errors.
     pub worst_groups: Vec<WorstGroup>,
-    /// All screens, most significant first.
+    /// What the screens found for each set of columns, most significant first.
     pub dependence: Vec<Dependence>,
     /// What the user ought to know.
     pub notes: Vec<String>,
@@ -86,8 +86,11 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
     order.sort_by(|&a, &b| {
         p[a].total_cmp(&p[b]).then(all[b].score.deviate().total_cmp(&all[a].score.deviate()))
     });
-    let dependence = order
-        .iter()
+    // Several screens look at the same columns: the most significant speaks.
+    let first = |at: usize| !order[..at].iter().any(|&i| all[i].covariates == all[order[at]].covariates);
+    let dependence = (0..order.len())
+        .filter(|&at| first(at))
+        .map(|at| &order[at])
         .map(|&i| Dependence {
             covariates: all[i].covariates.clone(),
             p_value: p[i],

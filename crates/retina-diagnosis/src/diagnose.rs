@@ -2,15 +2,15 @@
 
 use rayon::prelude::*;
 
+use crate::added::AddedEffect;
 use crate::catalogue::{Effect, Variant, effects};
 use crate::data::Dataset;
 use crate::estimate::{Parameter, estimate};
 use crate::next::{NextMeasurement, propose};
 use crate::noise::Weights;
 use crate::score::{Flips, Frame, HeldOut, Score, p_values};
-use crate::screens::{columns_of, screen_p_values, screens};
 use crate::series::{Outlying, outlying};
-use crate::user::AddedEffect;
+use crate::unexplained::{Unexplained, unexplained};
 
 /// What is asked of a diagnosis.
 #[derive(Debug, Clone)]
@@ -33,6 +33,8 @@ const LEVEL_FIRST: [f64; 2] = [0.02, 0.01];
 const LEVEL_LATER: [f64; 2] = [0.01, 0.005];
 /// A competitor stays in the set while the best effect adds nothing to it at this level.
 const LEVEL_SET: f64 = 0.02;
+/// Level below which one may be named in place of a significant one that it clearly beats on groups left out.
+const LEVEL_RIVAL: f64 = 0.1;
 /// Standard errors of the held-out error by which a form has to be better with its further columns.
 pub(crate) const REFINED: f64 = 1.0;
 /// Standard errors by which a rival of the same class is worse when it is left out of the set.
@@ -44,7 +46,7 @@ const FLOOR_ACCEPTED: f64 = 0.05;
 /// Rows that are searched and screened: their columns take about half a gigabyte.
 pub(crate) const MOST_ROWS: usize = 50_000;
 /// The effect that is a whole group's own, and the level of its test; its forms are in the groups' order.
-const WHOLE_GROUP: &str = "attenuator_not_changed";
+pub(crate) const WHOLE_GROUP: &str = "attenuator_not_changed";
 const LEVEL_GROUP: f64 = 0.005;
 /// A label that is wrong is a factor of 2 and more; a tenth of that may be a series' own error.
 const FLOOR_GROUP: f64 = 0.1;
@@ -93,15 +95,6 @@ pub struct NotTestable {
     pub effect: &'static str,
     /// Why not, with the column that would make it so.
     pub reason: String,
-}
-
-/// Errors that are left.
-#[derive(Debug, Clone)]
-pub struct Unexplained {
-    /// Smallest p-value of the screens, corrected for their number.
-    pub p_value: f64,
-    /// Columns on which the errors depend.
-    pub covariates: Vec<String>,
 }
 
 /// The diagnosis of a table.
@@ -166,7 +159,7 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
     let data = thinned.as_ref().unwrap_or(data);
     let mut notes = data.notes.clone();
     let (prepared, not_testable) = prepare(data, added);
-    let adjusted = crate::user::adjusted(data, added);
+    let adjusted = crate::added::adjusted(data, added);
     let data = &adjusted.data;
     let flips = Flips::draw(data, options.flips, options.seed);
     if data.groups.len() < 8 {
@@ -205,7 +198,7 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
         let frame = Frame::fitted(data, &base);
         let ranking = rank(&frame, &prepared, &excluded, &flips);
         // An unexplained effect that groups have in common is taken for jitter at first, and looks weak beside it.
-        let best = pick(&ranking, level, 0.0);
+        let best = pick(&ranking, level, 0.0, &frame.held_out(&[]));
         let Some(best) = best else {
             first_ranking.get_or_insert(ranking);
             break;
@@ -216,7 +209,7 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
         let weights = Frame::fitted(data, &with_best).weights;
         let frame = Frame::weighted(data, &base, weights);
         let ranking = rank(&frame, &prepared, &excluded, &flips);
-        let Some(best) = pick(&ranking, level, floor) else {
+        let Some(best) = pick(&ranking, level, floor, &frame.held_out(&[])) else {
             first_ranking.get_or_insert(ranking);
             break;
         };
@@ -235,8 +228,13 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
 
     let frame = Frame::fitted(data, &base);
     let level = if accepted.is_empty() { LEVEL_FIRST[1] } else { LEVEL_LATER[1] };
-    let unexplained =
-        unexplained(data, base.clone(), level, FLOOR_NOISE.max(FLOOR_ACCEPTED * strength), &flips);
+    let unexplained = unexplained(
+        data,
+        base.clone(),
+        [level, LEVEL_LATER[1]],
+        FLOOR_NOISE.max(FLOOR_ACCEPTED * strength),
+        &flips,
+    );
     let structure = !unexplained.covariates.is_empty();
     let several = sets.iter().any(|set| set.len() > 1);
     let verdict = match (structure, accepted.is_empty(), several) {
@@ -353,11 +351,20 @@ fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: 
     out
 }
 
-/// The significant one that is worth its name, with the fewest columns of those whose held-out error is within a
-/// standard error of the least (L. Breiman et al., Classification and Regression Trees, 1984, sec. 3.4.3).
-fn pick(ranking: &[Ranked], level: f64, floor: f64) -> Option<&Ranked> {
-    let significant = || ranking.iter().filter(|r| r.p_value <= level && r.strength >= floor);
+/// The one that is worth its name, with the fewest columns of those whose held-out error is within a standard error of
+/// the least (L. Breiman et al., Classification and Regression Trees, 1984, sec. 3.4.3). One that makes the held-out
+/// error larger than `before` is none. That there is something is for the significant ones to say; which one it is may
+/// be one whose p-value few groups keep large, if it is clearly better on groups left out.
+fn pick<'r>(ranking: &'r [Ranked], level: f64, floor: f64, before: &HeldOut) -> Option<&'r Ranked> {
+    let better = |r: &&Ranked| r.strength >= floor && r.held_out.total() < before.total();
+    let significant = || ranking.iter().filter(|r| r.p_value <= level).filter(better);
     let least = significant().next()?;
+    let rival = ranking.iter().filter(|r| r.p_value <= LEVEL_RIVAL).find(better);
+    if let Some(rival) = rival
+        && least.held_out.beaten_by(&rival.held_out) > CLEARLY_WORSE
+    {
+        return Some(rival);
+    }
     significant().filter(|r| r.held_out.beaten_by(&least.held_out) <= 1.0).min_by_key(|r| r.columns)
 }
 
@@ -393,38 +400,6 @@ fn confusable(
         .collect();
     out.extend(rivals.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(rival, _)| rival.index));
     out
-}
-
-/// Screens of what is left, the strongest taken out before the next is looked at.
-fn unexplained(data: &Dataset, base: Vec<Vec<f64>>, level: f64, floor: f64, flips: &Flips) -> Unexplained {
-    let frame = Frame::fitted(data, &base);
-    let all = screens(&frame);
-    let p = screen_p_values(&all, flips);
-    let components = frame.components();
-    let mut order: Vec<usize> = (0..all.len()).collect();
-    order.sort_by(|&a, &b| all[b].score.deviate().total_cmp(&all[a].score.deviate()));
-    let p_value = order.first().map_or(1.0, |&i| p[i]);
-    let mut covariates: Vec<String> = Vec::new();
-    let first = order.iter().find(|&&i| p[i] <= level && all[i].score.strength(components) >= floor);
-    if let Some(&first) = first {
-        covariates.extend(all[first].covariates.iter().cloned());
-        // What remains beside the strongest names further columns.
-        let wider = frame.with(&columns_of(data, &all[first].covariates));
-        let rest = screens(&wider);
-        let p = screen_p_values(&rest, flips);
-        for (screen, _) in rest
-            .iter()
-            .zip(&p)
-            .filter(|(s, p)| **p <= LEVEL_LATER[1] && s.score.strength(components) >= 2.0 * floor)
-        {
-            for name in &screen.covariates {
-                if screen.covariates.len() == 1 && !covariates.contains(name) {
-                    covariates.push(name.clone());
-                }
-            }
-        }
-    }
-    Unexplained { p_value, covariates }
 }
 
 /// Held-out error from the baseline on, all under the final weights.

@@ -5,10 +5,10 @@ use std::path::Path;
 use retina_files::{InputError, write_atomic};
 use retina_plot::{Axis, Figure, PALETTE, Panel, Style};
 
+use crate::added::{AddedEffect, adjusted};
 use crate::data::Dataset;
 use crate::noise::robust_fit;
 use crate::screens::screened;
-use crate::user::{AddedEffect, adjusted};
 
 /// Panels in a row, and most panels against columns.
 const COLUMNS: usize = 3;

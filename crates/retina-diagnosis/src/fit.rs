@@ -4,12 +4,12 @@ use std::path::Path;
 
 use retina_files::InputError;
 
+use crate::added::{AddedEffect, Adjusted, adjusted};
 use crate::data::Dataset;
 use crate::diagnose::MOST_ROWS;
 use crate::estimate::{Parameter, estimate};
 use crate::noise::robust_fit;
 use crate::score::{Flips, Frame};
-use crate::user::{AddedEffect, Adjusted, adjusted};
 
 /// Effects and baseline fitted to a table.
 pub struct Fit {
@@ -58,7 +58,7 @@ const HIGH_CORRELATION: f64 = 0.95;
 pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
     let fitted_part = data.fitted_part();
     let data = fitted_part.as_ref().unwrap_or(data);
-    crate::user::check_effects(data, added)?;
+    crate::added::check_effects(data, added)?;
     let Adjusted { data: shifted, base, names, owner, shape, start, user_values } = adjusted(data, added);
     let robust = robust_fit(&shifted, &base);
     let estimate = estimate(&shifted, &base, &robust.weights);

@@ -3,13 +3,15 @@
 //! - [`Dataset`]: points, power or phase tables as residuals with groups and covariates.
 //! - [`compare`]: errors against the noise, and what they depend on.
 //! - [`diagnose`]: which effect is missing, and which ones this data cannot tell apart.
-//! - [`fit`]: effects estimated with the baseline; [`AddedEffect`]: catalogued, or a user's formulas.
+//! - [`fit`]: effects estimated with the baseline; [`AddedEffect`]: catalogued, formulas in a file, or an [`OwnEffect`].
 //! - [`effects`]: the catalogue.
 
+mod added;
 mod catalogue;
 mod compare;
 mod data;
 mod diagnose;
+mod effect_file;
 mod estimate;
 mod field;
 mod figure;
@@ -20,16 +22,18 @@ mod model_file;
 mod next;
 mod noise;
 mod output;
+mod own;
 mod report;
 mod score;
 mod screens;
 mod series;
-mod user;
+mod unexplained;
 
+pub use added::{AddedEffect, check_effects};
 pub use catalogue::{Effect, effects};
 pub use compare::{Comparison, Dependence, WorstGroup, compare};
 pub use data::{Baseline, Covariate, Dataset, Group, Source, TableKind};
-pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, Unexplained, Verdict, diagnose};
+pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, Verdict, diagnose};
 pub use estimate::Parameter;
 pub use figure::write_figure;
 pub use fit::{Fit, fit};
@@ -39,5 +43,6 @@ pub use output::{
     compare_json, compare_text, diagnose_json, diagnose_text, effects_json, effects_text, fit_json, fit_text,
     write_predictions,
 };
+pub use own::{OwnEffect, OwnParameter};
 pub use report::{Shape, compare_page, diagnose_page, fit_page, unexplained_shapes};
-pub use user::{AddedEffect, UserEffect, check_effects};
+pub use unexplained::Unexplained;

@@ -9,9 +9,9 @@ use retina_files::{InputError, write_atomic};
 use retina_geometry::Setup;
 use retina_radiometry::ScreenResponse;
 
+use crate::added::AddedEffect;
 use crate::data::{Dataset, TableKind};
 use crate::fit::Fit;
-use crate::user::AddedEffect;
 
 /// Writes the model: its predictions at the table's own points, as a calibration of D and of D^-1 with irradiance.
 /// Returns the rms difference between the two, arcsec per axis.

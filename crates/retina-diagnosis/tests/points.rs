@@ -4,7 +4,7 @@ mod common;
 
 use common::{ARCSEC, Campaign, Point, setup};
 use glam::DVec2;
-use retina_diagnosis::{DiagnoseOptions, Diagnosis, Verdict, diagnose};
+use retina_diagnosis::{AddedEffect, DiagnoseOptions, Diagnosis, Verdict, diagnose, fit, unexplained_shapes};
 
 type Effect = Box<dyn Fn(&Point) -> DVec2>;
 
@@ -180,4 +180,28 @@ fn a_confounded_pair_is_reported_with_what_separates_it() {
     assert_eq!(next.action, "camera_roll");
     assert!(next.separates.contains(&"screen_tilt") && next.separates.contains(&"camera_pointing"));
     assert!(next.expected_sigma.unwrap() > 5.0, "{:?}", next.expected_sigma);
+}
+
+/// A swirl that grows with the irradiance is of no effect in the catalogue: what is left depends on the irradiance and on
+/// the place.
+#[test]
+fn an_outside_field_names_irradiance_and_place() {
+    let data = Campaign::new(4).data(&setup(), &|p| {
+        let swirl = 10.0 * ARCSEC * p.f / 0.1413;
+        p.r + swirl * DVec2::new(-p.r.y, p.r.x)
+    });
+    let found = diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 });
+    let named = &found.unexplained.covariates;
+    assert_eq!(found.verdict, Verdict::Unknown, "{:?}", found.accepted);
+    assert!(named.iter().any(|n| n == "log10_irradiance") && named.iter().any(|n| n == "x"), "{named:?}");
+    let shapes = unexplained_shapes(&data, &[], &found).unwrap();
+    let shape = shapes.iter().find(|s| s.covariate == "log10_irradiance").unwrap();
+    // The formula to start from, quadratic in the logarithm, takes most of the swirl out.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("start.toml");
+    std::fs::write(&path, &shape.formula).unwrap();
+    let effect = AddedEffect::read(path.to_str().unwrap(), &data).unwrap();
+    let result = fit(&data, &[effect]).unwrap();
+    let beyond = |step: usize| result.steps[step].1.powi(2) - result.noise_floor.powi(2);
+    assert!(beyond(0) > 3.0 && beyond(1) < 0.15 * beyond(0), "{:?} {}", result.steps, result.noise_floor);
 }

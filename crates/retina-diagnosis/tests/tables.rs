@@ -8,7 +8,7 @@ use common::{ARCSEC, Campaign, dataset, setup};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
-use retina_diagnosis::{AddedEffect, DiagnoseOptions, Verdict, diagnose, fit};
+use retina_diagnosis::{AddedEffect, DiagnoseOptions, OwnEffect, OwnParameter, Verdict, diagnose, fit};
 
 fn normal(random: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(random)
@@ -119,7 +119,77 @@ fn a_formula_is_fitted() {
     let snippet = error.snippet.clone().unwrap();
     assert_eq!(&snippet.text[snippet.offset..snippet.offset + snippet.length], "xs");
     assert!(error.to_string().contains("line 3, column 11"), "{error}");
-    std::fs::write(&path, text("a * x + 0 * tau / (x - x)")).unwrap();
+    std::fs::write(&path, text("a * x + 0 * a / (x - x)")).unwrap();
     let effect = AddedEffect::read(path.to_str().unwrap(), &data).unwrap();
     assert!(fit(&data, &[effect]).err().unwrap().to_string().contains("not finite"));
+}
+
+/// The same effect as a formula and in Rust, whose derivatives are differences, comes out alike.
+#[test]
+fn an_effect_in_rust_is_fitted_as_its_formula_is() {
+    struct Settling(Vec<OwnParameter>, &'static str);
+    impl OwnEffect for Settling {
+        fn name(&self) -> &str {
+            "settling"
+        }
+        fn parameters(&self) -> &[OwnParameter] {
+            &self.0
+        }
+        fn columns(&self) -> Vec<&str> {
+            vec!["x", "y", self.1]
+        }
+        fn value(&self, columns: &[f64], p: &[f64]) -> [f64; 2] {
+            let grown = p[0] * (-columns[2] / p[1]).exp();
+            [grown * columns[0], grown * columns[1]]
+        }
+    }
+    let data = Campaign::new(9)
+        .data(&setup(), &|p| p.r * (1.0 + 12.0 * ARCSEC / 0.1413 * (-p.time_s / 900.0).exp()));
+    let of = |name: &str, start| OwnParameter { name: name.into(), start, unit: String::new() };
+    let parameters = vec![of("a", 3.0), of("tau", 500.0)];
+    let own = AddedEffect::own(Settling(parameters.clone(), "time_s"), &data).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("settling.toml");
+    let text = "name = \"settling\"\nunit = \"arcsec\"\ndx = \"a * x * exp(-time_s / tau)\"\ndy = \"a * y * exp(-time_s / tau)\"\n[parameters]\na = { start = 3.0, unit = \"arcsec\" }\ntau = { start = 500.0, unit = \"s\" }\n";
+    std::fs::write(&path, text).unwrap();
+    let file = AddedEffect::read(path.to_str().unwrap(), &data).unwrap();
+    let (own, file) = (fit(&data, &[own]).unwrap(), fit(&data, &[file]).unwrap());
+    for (a, b) in own.parameters.iter().zip(&file.parameters) {
+        let sigma = b.sigma.unwrap();
+        assert!(a.name == b.name && (a.value - b.value).abs() < 1e-3 * sigma, "{a:?} {b:?}");
+    }
+    let refused = AddedEffect::own(Settling(parameters, "humidity"), &data).err().unwrap();
+    assert!(refused.to_string().contains("humidity"), "{refused}");
+    // Arcsec times seconds are no arcsec.
+    std::fs::write(&path, text.replace("exp(-time_s / tau)", "time_s")).unwrap();
+    let refused = AddedEffect::read(path.to_str().unwrap(), &data).err().unwrap();
+    assert!(refused.to_string().contains("the formula gives arcsec s"), "{refused}");
+    // A step's place has no slope, and that is said.
+    let text = text.replace("exp(-time_s / tau)", "step(time_s - tau)");
+    std::fs::write(&path, text).unwrap();
+    let effect = AddedEffect::read(path.to_str().unwrap(), &data).unwrap();
+    let refused = fit(&data, &[effect]).err().unwrap().to_string();
+    assert!(refused.contains("nothing changes with parameter `tau`"), "{refused}");
+}
+
+/// A series that carries another's label is found by diagnosis and by fit alike.
+#[test]
+fn the_fit_finds_the_series_that_is_off() {
+    let readings = power(5, &|light, _, _, _| light);
+    let mut text = String::new();
+    for line in readings.lines() {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if cells[4] == "s7" {
+            cells[3] = format!("{:e}", cells[3].parse::<f64>().unwrap() * 3.0);
+        }
+        text.push_str(&(cells.join(",") + "\n"));
+    }
+    let data = dataset(&setup(), &text);
+    let found = diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 });
+    assert_eq!(found.accepted, ["attenuator_not_changed"], "{:?}", found.unexplained);
+    let effect = AddedEffect::read("attenuator_not_changed", &data).unwrap();
+    let result = fit(&data, &[effect]).unwrap();
+    let factor =
+        result.parameters.iter().find(|p| p.sigma.is_some() && p.name.contains("attenuator")).unwrap();
+    assert!((factor.value - 2.0).abs() < 0.02, "{:?}", result.parameters);
 }

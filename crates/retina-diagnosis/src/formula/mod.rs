@@ -1,8 +1,12 @@
 //! Formulas over columns and parameters, with their derivatives by the parameters.
 
 mod parse;
+mod units;
 
-pub(crate) use parse::parse;
+use std::ops::Range;
+
+pub(crate) use parse::{FormulaError, parse};
+pub(crate) use units::Unit;
 
 /// A function of one argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,9 +37,11 @@ pub(crate) const FUNCTIONS: [(&str, Function); 10] = [
 ];
 
 /// What is done next; operands are taken off a stack.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Op {
     Number(f64),
+    /// The number before it has this unit.
+    Unit(Unit),
     Column(usize),
     Parameter(usize),
     Add,
@@ -50,7 +56,9 @@ pub(crate) enum Op {
 /// A formula as a list of operations.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Formula {
-    pub(crate) ops: Vec<Op>,
+    ops: Vec<Op>,
+    /// For each operation: the bytes of the text that ask for it.
+    places: Vec<Range<usize>>,
 }
 
 /// A value with its derivatives by the parameters.
@@ -85,6 +93,15 @@ impl Formula {
         })
     }
 
+    /// Gives its columns other indices.
+    pub(crate) fn renumber(&mut self, of: impl Fn(usize) -> usize) {
+        for op in &mut self.ops {
+            if let Op::Column(index) = op {
+                *index = of(*index);
+            }
+        }
+    }
+
     /// Value and derivatives by the parameters (forward differentiation: A. Griewank, A. Walther, Evaluating
     /// Derivatives, 2nd ed., ch. 3).
     pub(crate) fn evaluate(&self, column: impl Fn(usize) -> f64, parameters: &[f64]) -> (f64, Vec<f64>) {
@@ -93,6 +110,7 @@ impl Formula {
         for op in &self.ops {
             let next = match *op {
                 Op::Number(value) => constant(value),
+                Op::Unit(_) => continue,
                 Op::Column(index) => constant(column(index)),
                 Op::Parameter(index) => {
                     let mut dual = constant(parameters[index]);
@@ -111,7 +129,7 @@ impl Formula {
                 }
                 Op::Add | Op::Subtract | Op::Multiply | Op::Divide | Op::Power => {
                     let (b, a) = (pop(&mut stack), pop(&mut stack));
-                    let (value, own, others) = binary(*op, a.value, b.value);
+                    let (value, own, others) = binary(op, a.value, b.value);
                     // 0 * infinity is none where a derivative is not asked for.
                     let others = if b.slope.iter().all(|s| *s == 0.0) { 0.0 } else { others };
                     a.combined(&b, value, own, others)
@@ -144,7 +162,7 @@ fn call(function: Function, a: f64) -> (f64, f64) {
 }
 
 /// Value, and its derivatives by the two operands.
-fn binary(op: Op, a: f64, b: f64) -> (f64, f64, f64) {
+fn binary(op: &Op, a: f64, b: f64) -> (f64, f64, f64) {
     match op {
         Op::Add => (a + b, 1.0, 1.0),
         Op::Subtract => (a - b, 1.0, -1.0),

@@ -1,7 +1,10 @@
 //! Text to operations, by precedence climbing; errors know their place.
 
+use std::ops::Range;
+
 use retina_files::nearest;
 
+use super::units::Unit;
 use super::{FUNCTIONS, Formula, Op};
 
 /// What does not fit, and where in the formula (bytes).
@@ -19,6 +22,7 @@ struct Parser<'t> {
     columns: &'t [&'t str],
     parameters: &'t [&'t str],
     ops: Vec<Op>,
+    places: Vec<Range<usize>>,
     depth: usize,
 }
 
@@ -27,10 +31,11 @@ const DEEPEST: usize = 100;
 
 /// Parses a formula over columns and parameters.
 pub(crate) fn parse(text: &str, columns: &[&str], parameters: &[&str]) -> Result<Formula, FormulaError> {
-    let mut parser = Parser { text, at: 0, columns, parameters, ops: Vec::new(), depth: 0 };
+    let mut parser =
+        Parser { text, at: 0, columns, parameters, ops: Vec::new(), places: Vec::new(), depth: 0 };
     parser.sum()?;
     match parser.peek() {
-        None => Ok(Formula { ops: parser.ops }),
+        None => Ok(Formula { ops: parser.ops, places: parser.places }),
         Some(_) => Err(parser.wrong("an operator is expected here", 1)),
     }
 }
@@ -40,6 +45,17 @@ impl Parser<'_> {
         let rest = &self.text[self.at..];
         self.at += rest.len() - rest.trim_start().len();
         self.text[self.at..].chars().next()
+    }
+
+    fn push(&mut self, op: Op, place: Range<usize>) {
+        self.ops.push(op);
+        self.places.push(place);
+    }
+
+    /// Past a sign, and where it was.
+    fn symbol(&mut self) -> Range<usize> {
+        self.at += 1;
+        self.at - 1..self.at
     }
 
     fn wrong(&self, problem: &str, length: usize) -> FormulaError {
@@ -53,9 +69,9 @@ impl Parser<'_> {
         }
         self.product()?;
         while let Some(sign @ ('+' | '-')) = self.peek() {
-            self.at += 1;
+            let place = self.symbol();
             self.product()?;
-            self.ops.push(if sign == '+' { Op::Add } else { Op::Subtract });
+            self.push(if sign == '+' { Op::Add } else { Op::Subtract }, place);
         }
         self.depth -= 1;
         Ok(())
@@ -64,9 +80,9 @@ impl Parser<'_> {
     fn product(&mut self) -> Result<(), FormulaError> {
         self.signed()?;
         while let Some(sign @ ('*' | '/')) = self.peek() {
-            self.at += 1;
+            let place = self.symbol();
             self.signed()?;
-            self.ops.push(if sign == '*' { Op::Multiply } else { Op::Divide });
+            self.push(if sign == '*' { Op::Multiply } else { Op::Divide }, place);
         }
         Ok(())
     }
@@ -78,15 +94,15 @@ impl Parser<'_> {
             return Err(self.wrong("the formula is nested too deeply", 1));
         }
         if self.peek() == Some('-') {
-            self.at += 1;
+            let place = self.symbol();
             self.signed()?;
-            self.ops.push(Op::Negate);
+            self.push(Op::Negate, place);
         } else {
             self.operand()?;
             if self.peek() == Some('^') {
-                self.at += 1;
+                let place = self.symbol();
                 self.signed()?;
-                self.ops.push(Op::Power);
+                self.push(Op::Power, place);
             }
         }
         self.depth -= 1;
@@ -130,8 +146,25 @@ impl Parser<'_> {
             .ok()
             .filter(|v: &f64| v.is_finite())
             .ok_or_else(|| self.wrong("is not a finite number", end - self.at))?;
-        self.ops.push(Op::Number(value));
+        let start = self.at;
         self.at = end;
+        self.push(Op::Number(value), start..end);
+        self.unit()
+    }
+
+    /// A unit in brackets behind a number.
+    fn unit(&mut self) -> Result<(), FormulaError> {
+        if !self.text[self.at..].starts_with('[') {
+            return Ok(());
+        }
+        let start = self.at;
+        let Some(length) = self.text[start..].find(']') else {
+            return Err(self.wrong("`]` is missing behind the unit", self.text.len() - start));
+        };
+        let unit = Unit::parse(&self.text[start + 1..start + length])
+            .map_err(|problem| self.wrong(&problem, length + 1))?;
+        self.at = start + length + 1;
+        self.push(Op::Unit(unit), start..start + length + 1);
         Ok(())
     }
 
@@ -141,6 +174,7 @@ impl Parser<'_> {
         let name = &rest[..length];
         let find = |names: &[&str]| names.iter().position(|n| *n == name);
         if let Some((_, function)) = FUNCTIONS.iter().find(|(n, _)| *n == name) {
+            let place = self.at..self.at + length;
             self.at += length;
             if self.peek() != Some('(') {
                 return Err(self.wrong("`(` is expected here: a function's argument", 1));
@@ -148,7 +182,7 @@ impl Parser<'_> {
             self.at += 1;
             self.sum()?;
             self.closed()?;
-            self.ops.push(Op::Call(*function));
+            self.push(Op::Call(*function), place);
             return Ok(());
         }
         let op = match (find(self.parameters), find(self.columns)) {
@@ -165,7 +199,7 @@ impl Parser<'_> {
                 return Err(error);
             }
         };
-        self.ops.push(op);
+        self.push(op, self.at..self.at + length);
         self.at += length;
         Ok(())
     }

@@ -7,13 +7,13 @@ use retina_report::{Page, Section};
 
 pub use shape::{Shape, unexplained_shapes};
 
+use crate::added::AddedEffect;
 use crate::compare::Comparison;
 use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
 use crate::figure::figure_svg;
 use crate::fit::Fit;
 use crate::output::{compare_text, diagnose_text, fit_text};
-use crate::user::AddedEffect;
 
 fn number(value: f64) -> String {
     format!("{value:.4}")

@@ -7,15 +7,20 @@ use faer::{Mat, Side};
 use retina_files::InputError;
 use retina_plot::{Axis, Figure, PALETTE, Panel, Style};
 
+use crate::added::{AddedEffect, adjusted};
 use crate::data::{Dataset, TableKind};
 use crate::diagnose::Diagnosis;
 use crate::noise::robust_fit;
-use crate::user::{AddedEffect, adjusted};
 
 /// Bins of equal numbers of rows.
 const BINS: usize = 15;
 /// Degree of the formula.
-const DEGREE: usize = 3;
+const DEGREE: i32 = 3;
+/// Degree of one whose coefficients are linear over the field.
+const DEGREE_PLACED: i32 = 2;
+
+/// A value in each row.
+type OfRow<'a> = Box<dyn Fn(usize) -> f64 + 'a>;
 
 /// How errors depend on a column.
 #[derive(Debug, Clone)]
@@ -24,7 +29,8 @@ pub struct Shape {
     pub covariate: String,
     /// Means over it, drawn.
     pub svg: String,
-    /// A user's effect that follows it: a polynomial of third degree, as the text of a TOML file.
+    /// A user's effect that follows it: a polynomial of the column, linear over the field where the direction changes
+    /// from place to place, as the text of a TOML file.
     pub formula: String,
 }
 
@@ -44,14 +50,25 @@ pub fn unexplained_shapes(
     let adjusted = adjusted(data, &all);
     let fit = robust_fit(&adjusted.data, &adjusted.base);
     let rows: Vec<usize> = (0..data.len()).filter(|&row| !fit.weights.outlier[row]).collect();
+    let named = &result.unexplained.covariates;
+    // What depends on a column and points elsewhere from place to place is one formula over both.
+    let over_field = ["x", "y"].iter().all(|axis| named.iter().any(|name| name == axis));
     let shape = |name: &String| {
         let values = data.covariate(name)?.values.as_slice();
-        Some(shape_over(data, name, values, &fit.residual, &rows))
+        let placed = over_field && name != "x" && name != "y";
+        Some(shape_over(data, name, values, &fit.residual, &rows, placed))
     };
-    Ok(result.unexplained.covariates.iter().filter_map(shape).collect())
+    Ok(named.iter().filter_map(shape).collect())
 }
 
-fn shape_over(data: &Dataset, name: &str, values: &[f64], residual: &[f64], rows: &[usize]) -> Shape {
+fn shape_over(
+    data: &Dataset,
+    name: &str,
+    values: &[f64],
+    residual: &[f64],
+    rows: &[usize],
+    placed: bool,
+) -> Shape {
     let n = data.components();
     let mut order = rows.to_vec();
     order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
@@ -77,30 +94,50 @@ fn shape_over(data: &Dataset, name: &str, values: &[f64], residual: &[f64], rows
     Shape {
         covariate: name.to_owned(),
         svg: figure.to_svg(),
-        formula: formula(data, name, values, residual, rows),
+        formula: formula(data, name, values, residual, rows, placed),
     }
 }
 
-/// A polynomial of the column, its middle and half range written out, as a user's effect.
-fn formula(data: &Dataset, name: &str, values: &[f64], residual: &[f64], rows: &[usize]) -> String {
+/// A polynomial of the column, its middle and half range written out, as a user's effect; where `placed`, of second
+/// degree with coefficients that are linear over the field.
+fn formula(
+    data: &Dataset,
+    name: &str,
+    values: &[f64],
+    residual: &[f64],
+    rows: &[usize],
+    placed: bool,
+) -> String {
     let (low, high) = rows
         .iter()
         .map(|&row| values[row])
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
     let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(f64::MIN_POSITIVE));
     let t = |row: usize| (values[row] - middle) / half;
+    let (x, y) = (data.values("x"), data.values("y"));
+    // Each term: its text after the parameter, and its value in a row.
+    let mut terms: Vec<(String, OfRow<'_>)> = Vec::new();
+    let column = format!("(({name} - {middle:?}) / {half:?})");
+    for power in 1..=if placed { DEGREE_PLACED } else { DEGREE } {
+        let text = if power == 1 { column.clone() } else { format!("{column}^{power}") };
+        let value = move |row: usize| t(row).powi(power);
+        if placed {
+            terms.push((format!("{text} * x"), Box::new(move |row| value(row) * x[row])));
+            terms.push((format!("{text} * y"), Box::new(move |row| value(row) * y[row])));
+        }
+        terms.push((text, Box::new(value)));
+    }
     let n = data.components();
     let unit = data.kind.unit();
     let names: &[&str] = if data.kind == TableKind::Points { &["dx", "dy"] } else { &["value"] };
     let mut text = format!("name = \"of_{name}\"\nunit = \"{unit}\"\n");
     let mut parameters = String::from("[parameters]\n");
+    let values: Vec<&dyn Fn(usize) -> f64> = terms.iter().map(|(_, value)| value.as_ref()).collect();
     for (axis, quantity) in names.iter().enumerate() {
-        let start = polynomial(rows, &t, |row| residual[row * n + axis]);
-        let u = format!("(({name} - {middle:?}) / {half:?})");
-        let terms: Vec<String> = (1..=DEGREE)
-            .map(|k| if k == 1 { format!("{quantity}1 * {u}") } else { format!("{quantity}{k} * {u}^{k}") })
-            .collect();
-        let _ = writeln!(text, "{quantity} = \"{}\"", terms.join(" + "));
+        let start = amplitudes(rows, &values, |row| residual[row * n + axis]);
+        let sum: Vec<String> =
+            terms.iter().enumerate().map(|(k, term)| format!("{quantity}{} * {}", k + 1, term.0)).collect();
+        let _ = writeln!(text, "{quantity} = \"{}\"", sum.join(" + "));
         for (k, value) in start.iter().enumerate() {
             let _ = writeln!(parameters, "{quantity}{} = {{ start = {value:.4}, unit = \"{unit}\" }}", k + 1);
         }
@@ -108,28 +145,27 @@ fn formula(data: &Dataset, name: &str, values: &[f64], residual: &[f64], rows: &
     text + &parameters
 }
 
-/// Coefficients of t, t^2, t^3 of a polynomial with a constant, least squares.
-fn polynomial(rows: &[usize], t: &impl Fn(usize) -> f64, y: impl Fn(usize) -> f64) -> [f64; DEGREE] {
-    const SIDE: usize = DEGREE + 1;
-    let powers = |row: usize| -> [f64; SIDE] { std::array::from_fn(|k| t(row).powi(k as i32)) };
-    let mut normal = Mat::<f64>::zeros(SIDE, SIDE);
-    let mut right = Mat::<f64>::zeros(SIDE, 1);
+/// Least squares of y by the terms and a constant; the terms' amplitudes.
+fn amplitudes(rows: &[usize], terms: &[&dyn Fn(usize) -> f64], y: impl Fn(usize) -> f64) -> Vec<f64> {
+    let side = terms.len() + 1;
+    let mut normal = Mat::<f64>::zeros(side, side);
+    let mut right = Mat::<f64>::zeros(side, 1);
     for &row in rows {
-        let powers = powers(row);
-        for i in 0..SIDE {
-            right[(i, 0)] += powers[i] * y(row);
-            for j in 0..SIDE {
-                normal[(i, j)] += powers[i] * powers[j];
+        let values: Vec<f64> = terms.iter().map(|term| term(row)).chain([1.0]).collect();
+        for i in 0..side {
+            right[(i, 0)] += values[i] * y(row);
+            for j in 0..side {
+                normal[(i, j)] += values[i] * values[j];
             }
         }
     }
     // A trace of ridge: a column of few values has fewer coefficients than asked for.
-    for i in 0..SIDE {
+    for i in 0..side {
         normal[(i, i)] += 1e-6 * rows.len() as f64;
     }
-    let Ok(decomposed) = normal.llt(Side::Lower) else { return [0.0; DEGREE] };
+    let Ok(decomposed) = normal.llt(Side::Lower) else { return vec![0.0; terms.len()] };
     let solution = decomposed.solve(&right);
-    std::array::from_fn(|k| solution[(k + 1, 0)])
+    (0..terms.len()).map(|k| solution[(k, 0)]).collect()
 }
 
 #[cfg(test)]
@@ -140,7 +176,11 @@ mod tests {
     fn a_cubic_is_found() {
         let rows: Vec<usize> = (0..200).collect();
         let t = |row: usize| row as f64 / 100.0 - 1.0;
-        let found = polynomial(&rows, &t, |row| 5.0 + 2.0 * t(row) - t(row).powi(2) + 0.5 * t(row).powi(3));
+        let powers: Vec<OfRow<'_>> =
+            (1..=3).map(|power| Box::new(move |row| t(row).powi(power)) as OfRow<'_>).collect();
+        let terms: Vec<&dyn Fn(usize) -> f64> = powers.iter().map(AsRef::as_ref).collect();
+        let found =
+            amplitudes(&rows, &terms, |row| 5.0 + 2.0 * t(row) - t(row).powi(2) + 0.5 * t(row).powi(3));
         for (found, truth) in found.iter().zip([2.0, -1.0, 0.5]) {
             assert!((found - truth).abs() < 1e-3, "{found} {truth}");
         }

@@ -1,59 +1,27 @@
-//! Effects that are part of the model: catalogued ones by id, the user's own as formulas in a file.
+//! Effects that are part of the model: catalogued ones by id, and the user's own.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::sync::Arc;
 
-use retina_files::{InputError, Place, Snippet, nearest, parse_toml, read_text};
-use serde::Deserialize;
-use toml::Spanned;
+use retina_files::{InputError, nearest};
 
 use crate::catalogue::{Effect, effects};
-use crate::data::{ARCSEC_PER_RAD, Dataset, TableKind};
-use crate::diagnose::REFINED;
-use crate::formula::{Formula, parse};
+use crate::data::Dataset;
+use crate::diagnose::{REFINED, WHOLE_GROUP};
+use crate::effect_file::EffectOfFile;
 use crate::linear::{dot, solve_positive};
 use crate::noise::robust_fit;
+use crate::own::{OwnEffect, evaluate, readable_columns};
 use crate::score::{Frame, Score};
+use crate::series::outlying;
 
 /// An effect added to the baseline.
 #[derive(Clone)]
 pub enum AddedEffect {
     /// One of the catalogue.
     Catalogued(&'static Effect),
-    /// A user's.
-    User(UserEffect),
-}
-
-/// A user's effect.
-#[derive(Debug, Clone)]
-pub struct UserEffect {
-    /// Its name.
-    pub name: String,
-    /// Names, start values and units of its parameters.
-    pub parameters: Vec<(String, f64, String)>,
-    formulas: Vec<Formula>,
-    columns: Vec<String>,
-    scale: f64,
-    file: PathBuf,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct EffectFile {
-    name: String,
-    unit: Spanned<String>,
-    #[serde(default)]
-    parameters: toml::Table,
-    dx: Option<Spanned<String>>,
-    dy: Option<Spanned<String>>,
-    value: Option<Spanned<String>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ParameterFile {
-    start: f64,
-    #[serde(default)]
-    unit: String,
+    /// One's own.
+    Own(Arc<dyn OwnEffect>),
 }
 
 impl AddedEffect {
@@ -63,7 +31,7 @@ impl AddedEffect {
     /// No such effect for this table, or the file does not fit.
     pub fn read(text: &str, data: &Dataset) -> Result<Self, InputError> {
         if text.ends_with(".toml") {
-            return UserEffect::read(Path::new(text), data).map(Self::User);
+            return Ok(Self::Own(Arc::new(EffectOfFile::read(Path::new(text), data)?)));
         }
         let all = effects(Some(data.kind));
         if let Some(effect) = all.iter().find(|effect| effect.id == text) {
@@ -82,11 +50,25 @@ impl AddedEffect {
             .help(format!("{}`retina effects` lists them", near.unwrap_or_default())))
     }
 
+    /// One of one's own.
+    ///
+    /// # Errors
+    /// It reads a column that the data do not have.
+    pub fn own(effect: impl OwnEffect + 'static, data: &Dataset) -> Result<Self, InputError> {
+        let known = readable_columns(data);
+        if let Some(column) = effect.columns().iter().find(|name| !known.iter().any(|k| k == *name)) {
+            return Err(InputError::new(effect.source(), "reads a column that the data do not have")
+                .found(format!("`{column}`"))
+                .expected(known.join(", ")));
+        }
+        Ok(Self::Own(Arc::new(effect)))
+    }
+
     /// Its id or name.
     pub fn name(&self) -> &str {
         match self {
             Self::Catalogued(effect) => effect.id,
-            Self::User(effect) => &effect.name,
+            Self::Own(effect) => effect.name(),
         }
     }
 
@@ -94,122 +76,13 @@ impl AddedEffect {
     pub(crate) fn columns(&self) -> Vec<&str> {
         match self {
             Self::Catalogued(effect) => effect.covariates.to_vec(),
-            Self::User(effect) => {
-                let read = effect.formulas.iter().flat_map(Formula::columns);
-                read.map(|index| effect.columns[index].as_str()).collect()
-            }
+            Self::Own(effect) => effect.columns(),
         }
     }
 }
 
-impl UserEffect {
-    fn read(path: &Path, data: &Dataset) -> Result<Self, InputError> {
-        let text = read_text(path)?;
-        let file: EffectFile = parse_toml(path, &text)?;
-        let pointed = |span: std::ops::Range<usize>, problem: String| {
-            let before = &text[..span.start.min(text.len())];
-            let mut error = InputError::new(path, problem);
-            error.place = Place::LineColumn(
-                before.matches('\n').count() + 1,
-                before.chars().rev().take_while(|c| *c != '\n').count() + 1,
-            );
-            error.snippet =
-                Some(Snippet { text: text.clone(), offset: span.start, length: span.len().max(1) });
-            error
-        };
-        let mut parameters = Vec::new();
-        for (name, value) in &file.parameters {
-            let parameter: ParameterFile = value.clone().try_into().map_err(|error: toml::de::Error| {
-                InputError::new(path, error.message().to_owned())
-                    .at(format!("key `parameters.{name}`"))
-                    .expected("{ start = 1.0, unit = \"arcsec\" }")
-            })?;
-            if data.covariate(name).is_some() {
-                return Err(InputError::new(path, "the parameter has a column's name")
-                    .at(format!("key `parameters.{name}`"))
-                    .help("give it another name"));
-            }
-            parameters.push((name.clone(), parameter.start, parameter.unit));
-        }
-        let scale = match (data.kind, file.unit.get_ref().as_str()) {
-            (TableKind::Points, "arcsec") | (TableKind::Power, "relative") | (TableKind::Phase, "mag") => 1.0,
-            (TableKind::Points, "rad") => ARCSEC_PER_RAD,
-            (TableKind::Points, "mrad") => ARCSEC_PER_RAD * 1e-3,
-            (TableKind::Points, "arcmin") => 60.0,
-            (TableKind::Points, "deg") => 3600.0,
-            (TableKind::Power, "percent") => 0.01,
-            (kind, other) => {
-                let expected =
-                    ["arcsec, arcmin, deg, mrad or rad", "relative or percent", "mag"][kind as usize];
-                return Err(pointed(file.unit.span(), format!("is no unit of errors in {}", kind.name()))
-                    .found(format!("`{other}`"))
-                    .expected(expected));
-            }
-        };
-        let mut columns: Vec<String> = data.covariates.iter().map(|c| c.name.clone()).collect();
-        if data.covariate("log10_irradiance").is_some() {
-            columns.extend(["L".to_owned(), "F".to_owned()]);
-        }
-        let names: Vec<&str> = columns.iter().map(String::as_str).collect();
-        let parameter_names: Vec<&str> = parameters.iter().map(|p| p.0.as_str()).collect();
-        let given = match data.kind {
-            TableKind::Points => [("dx", &file.dx), ("dy", &file.dy)].to_vec(),
-            _ => vec![("value", &file.value)],
-        };
-        let mut formulas = Vec::new();
-        for (key, formula) in given {
-            let Some(formula) = formula else {
-                return Err(InputError::new(path, format!("key `{key}` is missing"))
-                    .expected(format!("a formula, {key} = \"...\""))
-                    .help(if data.kind == TableKind::Points {
-                        "points need `dx` and `dy`"
-                    } else {
-                        "this table needs `value`"
-                    }));
-            };
-            let source = formula.get_ref();
-            formulas.push(parse(source, &names, &parameter_names).map_err(|error| {
-                // The text begins after one quote, or three.
-                let quotes = if text[formula.span()].starts_with("\"\"\"") { 3 } else { 1 };
-                let start = formula.span().start + quotes + error.offset;
-                let mut out =
-                    pointed(start..start + error.length, format!("{} in the formula `{key}`", error.problem));
-                out.help = error.help;
-                out
-            })?);
-        }
-        Ok(Self { name: file.name, parameters, formulas, columns, scale, file: path.to_path_buf() })
-    }
-
-    /// Values over all components, and derivatives by each parameter.
-    pub(crate) fn evaluate(&self, data: &Dataset, parameters: &[f64]) -> (Vec<f64>, Vec<Vec<f64>>) {
-        let columns: Vec<&[f64]> = self
-            .columns
-            .iter()
-            .map(|name| data.values(if name == "L" || name == "F" { "log10_irradiance" } else { name }))
-            .collect();
-        let light = self.columns.iter().position(|name| name == "F");
-        let mut values = Vec::with_capacity(data.y.len());
-        let mut slopes = vec![Vec::with_capacity(data.y.len()); parameters.len()];
-        for row in 0..data.len() {
-            for formula in &self.formulas {
-                let column = |index: usize| {
-                    let value = columns[index][row];
-                    if Some(index) == light { 10f64.powf(value) } else { value }
-                };
-                let (value, slope) = formula.evaluate(column, parameters);
-                values.push(self.scale * value);
-                for (all, s) in slopes.iter_mut().zip(slope) {
-                    all.push(self.scale * s);
-                }
-            }
-        }
-        (values, slopes)
-    }
-
-    fn finite(&self, values: &[f64], slopes: &[Vec<f64>]) -> bool {
-        values.iter().chain(slopes.iter().flatten()).all(|v| v.is_finite())
-    }
+fn finite(values: &[f64], slopes: &[Vec<f64>]) -> bool {
+    values.iter().chain(slopes.iter().flatten()).all(|v| v.is_finite())
 }
 
 /// Data and base columns with the added effects in.
@@ -236,12 +109,12 @@ pub(crate) struct Adjusted {
 /// A formula or a derivative is not finite at the start values, or a parameter cannot be told from what else is fitted.
 pub fn check_effects(data: &Dataset, added: &[AddedEffect]) -> Result<(), InputError> {
     for effect in added {
-        let AddedEffect::User(user) = effect else { continue };
-        let start: Vec<f64> = user.parameters.iter().map(|p| p.1).collect();
-        let (values, slopes) = user.evaluate(data, &start);
-        if !user.finite(&values, &slopes) {
+        let AddedEffect::Own(user) = effect else { continue };
+        let start: Vec<f64> = user.parameters().iter().map(|p| p.start).collect();
+        let (values, slopes) = evaluate(user.as_ref(), data, &start);
+        if !finite(&values, &slopes) {
             let at = values.iter().position(|v| !v.is_finite());
-            return Err(InputError::new(&user.file, format!("effect `{}` is not finite at its start values", user.name))
+            return Err(InputError::new(user.source(), format!("effect `{}` is not finite at its start values", user.name()))
                 .found(at.map_or_else(
                     || "a derivative that is not finite".to_owned(),
                     |at| format!("row {} of the data", data.order[at / data.components()] + 1),
@@ -252,19 +125,29 @@ pub fn check_effects(data: &Dataset, added: &[AddedEffect]) -> Result<(), InputE
         let before = adjusted.base.len();
         adjusted.base.extend(slopes);
         let frame = Frame::fitted(data, &adjusted.base[..before]);
-        for (k, parameter) in user.parameters.iter().enumerate() {
+        for (k, parameter) in user.parameters().iter().enumerate() {
+            if adjusted.base[before + k].iter().all(|slope| *slope == 0.0) {
+                return Err(InputError::new(
+                    user.source(),
+                    format!("nothing changes with parameter `{}` near its start value", parameter.name),
+                )
+                .at(format!("key `parameters.{}`", parameter.name))
+                .help(
+                    "step() has no slope: write its place as a number, or tanh((t - t0) / w) with a width",
+                ));
+            }
             let mut others: Vec<Vec<f64>> = adjusted.base.clone();
             let own = others.remove(before + k);
             let beside = Frame::weighted(data, &others, frame.weights.clone());
             if beside.score(&[own]).rank() == 0 {
                 return Err(InputError::new(
-                    &user.file,
+                    user.source(),
                     format!(
                         "parameter `{}` cannot be told from the others or from the baseline",
-                        parameter.0
+                        parameter.name
                     ),
                 )
-                .at(format!("key `parameters.{}`", parameter.0))
+                .at(format!("key `parameters.{}`", parameter.name))
                 .help("a column that is constant here, or a form that the baseline has already"));
             }
         }
@@ -292,9 +175,14 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
         let columns: Vec<Vec<Vec<f64>>> =
             variants.iter().map(|v| v.leading.iter().map(|t| data.column(t)).collect()).collect();
         let scores: Vec<f64> = frame.scores(&columns).iter().map(Score::deviate).collect();
-        let Some(best) = (0..variants.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b])) else {
-            continue;
+        let likeliest = || (0..variants.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b]));
+        // Robust weights throw a series out whose level is wrong, and with it the form that would explain it.
+        let off = if effect.id == WHOLE_GROUP {
+            outlying(data, &robust_fit(data, &base).residual).map(|off| off.group)
+        } else {
+            None
         };
+        let Some(best) = off.or_else(likeliest) else { continue };
         let further: Vec<Vec<f64>> = variants[best].further.iter().map(|t| data.column(t)).collect();
         let mut whole = columns[best].clone();
         whole.extend(further.iter().cloned());
@@ -314,36 +202,36 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
         }
         shape.extend(variants[best].shape.iter().map(|(n, v)| (index, format!("{}.{n}", effect.id), *v)));
     }
-    let users: Vec<(usize, &UserEffect)> = added
+    let users: Vec<(usize, &dyn OwnEffect)> = added
         .iter()
         .enumerate()
-        .filter_map(|(i, e)| if let AddedEffect::User(user) = e { Some((i, user)) } else { None })
+        .filter_map(|(i, e)| if let AddedEffect::Own(user) = e { Some((i, user.as_ref())) } else { None })
         .collect();
     let start = levenberg_marquardt(data, &base, &users);
     let mut out = data.clone();
     let mut user_values = Vec::new();
     let mut at = 0;
     for (index, user) in &users {
-        let here = &start[at..at + user.parameters.len()];
-        let (values, slopes) = user.evaluate(data, here);
+        let here = &start[at..at + user.parameters().len()];
+        let (values, slopes) = evaluate(*user, data, here);
         for (y, value) in out.y.iter_mut().zip(&values) {
             *y -= value;
         }
-        for (parameter, slope) in user.parameters.iter().zip(slopes) {
+        for (parameter, slope) in user.parameters().iter().zip(slopes) {
             base.push(slope);
-            names.push(format!("{}.{}", user.name, parameter.0));
+            names.push(format!("{}.{}", user.name(), parameter.name));
             owner.push(Some(*index));
         }
         user_values.push((*index, values));
-        at += user.parameters.len();
+        at += user.parameters().len();
     }
     Adjusted { data: out, base, names, owner, shape, start, user_values }
 }
 
 /// Users' parameters by D. Marquardt's method (SIAM Journal 11, 1963), all linear columns solved for at every turn.
-fn levenberg_marquardt(data: &Dataset, base: &[Vec<f64>], users: &[(usize, &UserEffect)]) -> Vec<f64> {
+fn levenberg_marquardt(data: &Dataset, base: &[Vec<f64>], users: &[(usize, &dyn OwnEffect)]) -> Vec<f64> {
     let mut theta: Vec<f64> =
-        users.iter().flat_map(|(_, user)| user.parameters.iter().map(|p| p.1)).collect();
+        users.iter().flat_map(|(_, user)| user.parameters().iter().map(|p| p.start)).collect();
     if theta.is_empty() {
         return theta;
     }
@@ -351,10 +239,10 @@ fn levenberg_marquardt(data: &Dataset, base: &[Vec<f64>], users: &[(usize, &User
         let (mut values, mut slopes) = (vec![0.0; data.y.len()], Vec::new());
         let mut at = 0;
         for (_, user) in users {
-            let (v, s) = user.evaluate(data, &theta[at..at + user.parameters.len()]);
+            let (v, s) = evaluate(*user, data, &theta[at..at + user.parameters().len()]);
             values.iter_mut().zip(&v).for_each(|(sum, v)| *sum += v);
             slopes.extend(s);
-            at += user.parameters.len();
+            at += user.parameters().len();
         }
         (values, slopes)
     };

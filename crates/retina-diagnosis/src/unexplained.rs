@@ -1,0 +1,73 @@
+//! What is left when all effects have been tried: the columns on which errors still depend.
+
+use crate::data::Dataset;
+use crate::score::{Flips, Frame, p_values};
+use crate::screens::{columns_of, screen_p_values, screens};
+
+/// Errors that are left.
+#[derive(Debug, Clone)]
+pub struct Unexplained {
+    /// Smallest p-value of the screens, corrected for their number.
+    pub p_value: f64,
+    /// Columns on which the errors depend.
+    pub covariates: Vec<String>,
+}
+
+/// Screens of what is left, significant at `level`; the strongest is taken out before further ones are looked for at
+/// the level `later`. None weaker than `floor`, rms over noise, counts.
+pub(crate) fn unexplained(
+    data: &Dataset,
+    base: Vec<Vec<f64>>,
+    [level, later]: [f64; 2],
+    floor: f64,
+    flips: &Flips,
+) -> Unexplained {
+    let frame = Frame::fitted(data, &base);
+    let all = screens(&frame);
+    let p = screen_p_values(&all, flips);
+    let components = frame.components();
+    let mut order: Vec<usize> = (0..all.len()).collect();
+    order.sort_by(|&a, &b| all[b].score.deviate().total_cmp(&all[a].score.deviate()));
+    let p_value = order.first().map_or(1.0, |&i| p[i]);
+    let mut covariates: Vec<String> = Vec::new();
+    let first = order.iter().find(|&&i| p[i] <= level && all[i].score.strength(components) >= floor);
+    if let Some(&first) = first {
+        covariates.extend(all[first].covariates.iter().cloned());
+        if depends_on_place(&frame, &all[first].covariates, level, floor, flips) {
+            covariates.extend(["x".to_owned(), "y".to_owned()]);
+        }
+        // What remains beside the strongest names further columns.
+        let wider = frame.with(&columns_of(data, &all[first].covariates));
+        let rest = screens(&wider);
+        let p = screen_p_values(&rest, flips);
+        for (screen, _) in
+            rest.iter().zip(&p).filter(|(s, p)| **p <= later && s.score.strength(components) >= 2.0 * floor)
+        {
+            for name in &screen.covariates {
+                if screen.covariates.len() == 1 && !covariates.contains(name) {
+                    covariates.push(name.clone());
+                }
+            }
+        }
+    }
+    Unexplained { p_value, covariates }
+}
+
+/// Whether what depends on one column also points along or across the radius, and not the same way everywhere.
+fn depends_on_place(frame: &Frame<'_>, covariates: &[String], level: f64, floor: f64, flips: &Flips) -> bool {
+    if frame.data.components() == 1 || covariates.len() > 1 {
+        return false;
+    }
+    // Columns along one axis are the same all over the field.
+    let (same, placed): (Vec<_>, Vec<_>) = columns_of(frame.data, covariates)
+        .into_iter()
+        .partition(|column| (0..2).any(|axis| column.chunks(2).all(|row| row[axis] == 0.0)));
+    if placed.is_empty() {
+        return false;
+    }
+    let beside = frame.with(&same);
+    let score = beside.score(&placed);
+    score.rank() > 0
+        && score.strength(frame.components()) >= floor
+        && p_values(&[vec![&score]], flips)[0] <= level
+}
