@@ -22,6 +22,7 @@ fn main() {
                 files: std::slice::from_ref(&path),
                 setup: &setup,
                 calibration: None,
+                response: None,
                 baseline: Baseline::Physical,
             };
             let start = Instant::now();

@@ -115,7 +115,7 @@ fn line(set: &Finished) -> Result<String, InputError> {
 }
 
 fn read(setup: &Setup, files: &[PathBuf]) -> Result<Dataset, InputError> {
-    Dataset::read(&Source { files, setup, calibration: None, baseline: Baseline::Physical })
+    Dataset::read(&Source { files, setup, calibration: None, response: None, baseline: Baseline::Physical })
 }
 
 fn one(folder: &Path, setup: &Setup, set: usize) -> Result<Finished, InputError> {

@@ -19,7 +19,37 @@ const LEAST: f64 = 1e-8;
 /// Rows over which the covariance's components are made independent.
 const SAMPLE: usize = 4000;
 
-/// A calibration with the rows it was applied to.
+/// A calibration that is held fixed, on the rows it was applied to.
+#[derive(Debug, Clone)]
+pub(crate) enum Held {
+    /// Of the geometry.
+    Geometry(HeldModel),
+    /// Of the response: columns over the rows, independent and of unit variance, of what its covariance leaves open.
+    Response(Vec<Vec<f64>>),
+}
+
+impl Held {
+    /// Of some of the rows.
+    pub(crate) fn of_rows(&self, rows: &[usize]) -> Self {
+        match self {
+            Self::Geometry(model) => Self::Geometry(model.of_rows(rows)),
+            Self::Response(columns) => {
+                let of = |column: &Vec<f64>| rows.iter().map(|&row| column[row]).collect();
+                Self::Response(columns.iter().map(of).collect())
+            }
+        }
+    }
+
+    /// The field's columns.
+    pub(crate) fn field(&self) -> Field {
+        match self {
+            Self::Geometry(model) => model.field(),
+            Self::Response(known) => Field { known: known.clone(), modes: Vec::new() },
+        }
+    }
+}
+
+/// A geometric calibration with the rows it was applied to.
 #[derive(Debug, Clone)]
 pub(crate) struct HeldModel {
     inverse: Option<InverseDistortion>,
@@ -31,7 +61,7 @@ pub(crate) struct HeldModel {
     pub(crate) l: Vec<f64>,
 }
 
-/// Columns of the field over the rows, arcsec.
+/// Columns of the field over the rows, in the data's unit.
 #[derive(Debug, Clone)]
 pub(crate) struct Field {
     /// Independent, each of unit variance: the coefficients' errors.

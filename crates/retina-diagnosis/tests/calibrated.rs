@@ -42,8 +42,13 @@ fn against(
     let path = folder.path().join("table.csv");
     std::fs::write(&path, Campaign::new(seed).table(setup, effect)).unwrap();
     let calibration = Calibration::read(calibration, setup).unwrap();
-    let source =
-        Source { files: &[path], setup, calibration: Some(&calibration), baseline: Baseline::Physical };
+    let source = Source {
+        files: &[path],
+        setup,
+        calibration: Some(&calibration),
+        response: None,
+        baseline: Baseline::Physical,
+    };
     diagnose(&Dataset::read(&source).unwrap(), &[], &DiagnoseOptions { flips, seed: 1 })
 }
 

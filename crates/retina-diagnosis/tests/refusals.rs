@@ -20,7 +20,13 @@ fn read(text: &str) -> Result<Dataset, InputError> {
     let path: PathBuf = folder.path().join("table.csv");
     std::fs::write(&path, text).unwrap();
     let setup = setup();
-    let source = Source { files: &[path], setup: &setup, calibration: None, baseline: Baseline::Physical };
+    let source = Source {
+        files: &[path],
+        setup: &setup,
+        calibration: None,
+        response: None,
+        baseline: Baseline::Physical,
+    };
     Dataset::read(&source)
 }
 

@@ -8,7 +8,10 @@ use common::{ARCSEC, Campaign, dataset, setup};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
-use retina_diagnosis::{AddedEffect, DiagnoseOptions, OwnEffect, OwnParameter, Verdict, diagnose, fit};
+use retina_diagnosis::{
+    AddedEffect, Baseline, Dataset, DiagnoseOptions, OwnEffect, OwnParameter, Source, Verdict, diagnose, fit,
+};
+use retina_response::{PowerReadings, RadiometricCalibration};
 
 fn normal(random: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(random)
@@ -192,4 +195,41 @@ fn the_fit_finds_the_series_that_is_off() {
     let factor =
         result.parameters.iter().find(|p| p.sigma.is_some() && p.name.contains("attenuator")).unwrap();
     assert!((factor.value - 2.0).abs() < 0.02, "{:?}", result.parameters);
+}
+
+/// A display that is not the nominal one: blue is 17 % stronger and gamma 2.3. Against the nominal response that is what
+/// is found; against a response that was calibrated from another campaign, noise alone is `adequate`, its own error
+/// included, and what is new is named.
+#[test]
+fn a_calibrated_response_is_held() {
+    let setup = setup();
+    let display = |light: f64, count: f64, channel: &str| {
+        let gain =
+            [("b", 1.17), ("w", 1.0 + 0.17 / 3.0)].iter().find(|(c, _)| *c == channel).map_or(1.0, |g| g.1);
+        light * gain * (count / 255.0).powf(0.1)
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("power.csv");
+    std::fs::write(&path, power(40, &|light, _, count, channel| display(light, count, channel))).unwrap();
+    let readings = PowerReadings::read(&[path.clone()]).unwrap();
+    let response = RadiometricCalibration::fit(&setup, readings).unwrap().calibration;
+    let verdict = |text: String, response: Option<&RadiometricCalibration>| {
+        std::fs::write(&path, text).unwrap();
+        let files = [path.clone()];
+        let baseline = Baseline::Physical;
+        let source = Source { files: &files, setup: &setup, calibration: None, response, baseline };
+        let data = Dataset::read(&source).unwrap();
+        let found = diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 });
+        println!("{} {:?} {:?}", found.verdict.name(), found.accepted, found.unexplained);
+        found
+    };
+    let plain = |seed| power(seed, &|light, _, count, channel| display(light, count, channel));
+    let nominal = verdict(plain(41), None);
+    assert!(nominal.accepted.contains(&"gamma") && nominal.accepted.contains(&"meter_wavelength"));
+    let alarms = (42..50).filter(|&seed| verdict(plain(seed), Some(&response)).verdict != Verdict::Adequate);
+    assert!(alarms.count() <= 1);
+    let lossy = power(60, &|light, _, count, channel| {
+        display(light, count, channel) * if channel == "w" { 0.985 } else { 1.0 }
+    });
+    assert_eq!(verdict(lossy, Some(&response)).accepted, ["channel_nonadditivity"]);
 }

@@ -6,6 +6,7 @@ use retina_files::InputError;
 use retina_geometry::Setup;
 use retina_radiometry::{DigitalCounts, QuantumEfficiency, ScreenResponse, magnitude_of_irradiance};
 
+use crate::channel::scale_covariance;
 use crate::{ChannelResponse, PowerReadings};
 
 /// A pixel's irradiance at the pupil against digital count.
@@ -15,6 +16,10 @@ pub struct ChannelCurve {
     pub irradiance_w_m2: Vec<f64>,
     /// Standard deviation of each, W m^-2.
     pub sigma_w_m2: Vec<f64>,
+    /// What the meter showed where no square was lit, W m^-2; absent where the readings did not tell it.
+    pub zero_w_m2: Option<f64>,
+    /// Covariance of ln(lit part at 255), gamma, the light at count 0 and (where it was fitted) the zero, of the power law.
+    pub covariance: Vec<Vec<f64>>,
 }
 
 /// The response of a facility: what a pixel of any digital counts sends into the camera's pupil.
@@ -130,6 +135,8 @@ impl RadiometricCalibration {
         let curve = |fit: &ChannelResponse| ChannelCurve {
             irradiance_w_m2: fit.irradiance_w_m2.clone(),
             sigma_w_m2: fit.sigma_w_m2.clone(),
+            zero_w_m2: fit.zero_w_m2.map(|zero| zero.value),
+            covariance: fit.covariance.clone(),
         };
         let channels = [curve(&fits[0]), curve(&fits[1]), curve(&fits[2])];
         let calibration = Self { setup: setup.name.clone(), channels, efficiency, bandwidth_nm };
@@ -237,6 +244,7 @@ impl RadiometricCalibration {
         let mut channels = self.channels.clone();
         for curve in &mut channels {
             curve.irradiance_w_m2.iter_mut().chain(&mut curve.sigma_w_m2).for_each(|value| *value *= factor);
+            scale_covariance(&mut curve.covariance, factor);
         }
         let (efficiency, bandwidth_nm) = efficiencies(other);
         Ok(Self { setup: other.name.clone(), channels, efficiency, bandwidth_nm })

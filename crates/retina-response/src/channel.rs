@@ -123,11 +123,7 @@ impl ChannelResponse {
         });
         self.full_w_m2 =
             Estimate { value: self.full_w_m2.value * factor, sigma: self.full_w_m2.sigma * factor };
-        for (i, row) in self.covariance.iter_mut().enumerate() {
-            for (j, value) in row.iter_mut().enumerate() {
-                *value *= factor.powi(i32::from(i == COVARIANCE_DARK) + i32::from(j == COVARIANCE_DARK));
-            }
-        }
+        scale_covariance(&mut self.covariance, factor);
         self
     }
 
@@ -188,6 +184,15 @@ impl ChannelResponse {
             rms_relative: (relative.iter().sum::<f64>() / relative.len().max(1) as f64).sqrt(),
             measured,
             warnings,
+        }
+    }
+}
+
+/// The covariance where a pixel's light is `factor` times as much.
+pub(crate) fn scale_covariance(covariance: &mut [Vec<f64>], factor: f64) {
+    for (i, row) in covariance.iter_mut().enumerate() {
+        for (j, value) in row.iter_mut().enumerate() {
+            *value *= factor.powi(i32::from(i == COVARIANCE_DARK) + i32::from(j == COVARIANCE_DARK));
         }
     }
 }

@@ -108,7 +108,18 @@ impl ChannelTable {
                 .found(format!("{} at count {count}", sigma[count]))
                 .expected("a finite number, 0 or more"));
         }
-        Ok(ChannelCurve { irradiance_w_m2: self.irradiance_w_m2, sigma_w_m2: self.sigma_w_m2 })
+        let side = self.covariance_of.len();
+        if self.covariance.len() != side || self.covariance.iter().any(|row| row.len() != side) {
+            return Err(InputError::new(path, "the covariance is not as large as what it is of")
+                .at(format!("key `response.{key}.covariance`"))
+                .expected(format!("{side} rows of {side}")));
+        }
+        Ok(ChannelCurve {
+            irradiance_w_m2: self.irradiance_w_m2,
+            sigma_w_m2: self.sigma_w_m2,
+            zero_w_m2: self.zero_w_m2.map(|zero| zero[0]),
+            covariance: self.covariance,
+        })
     }
 }
 

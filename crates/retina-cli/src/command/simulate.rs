@@ -141,8 +141,8 @@ pub(crate) struct PowerArguments {
     /// Sides of the lit squares, parted by commas; 0 is a dark reading.
     #[arg(long, value_delimiter = ',', default_values_t = [0, 50, 100, 200, 600])]
     squares: Vec<u32>,
-    /// Times that all of it is measured.
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    /// Times that all of it is measured: a diagnosis wants eight and more.
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..=1000))]
     series: u16,
 }
 

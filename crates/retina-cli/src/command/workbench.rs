@@ -1,10 +1,11 @@
 //! What compare, diagnose and fit read alike.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use retina_diagnosis::{AddedEffect, Baseline, Dataset, Source};
 use retina_files::InputError;
 use retina_geometry::{Calibration, Setup};
+use retina_response::RadiometricCalibration;
 
 use crate::failure::Failure;
 
@@ -16,7 +17,8 @@ pub(crate) struct Input {
     /// A table of points, power or phase; may be given more than once.
     #[arg(long, required = true, value_name = "TABLE")]
     data: Vec<PathBuf>,
-    /// A calibration that is held fixed but for shift, rotation and scale.
+    /// A calibration that is held fixed: for points its distortion, but for shift, rotation and scale; for power its
+    /// response, but for one gain.
     #[arg(long)]
     calibration: Option<PathBuf>,
     /// What is fitted without a calibration: `physical`, or `polynomial:N` with N from 1 to 7.
@@ -40,21 +42,27 @@ impl Input {
         crate::check_apart(inputs, outputs, None)
     }
 
-    /// A calibration, or a baseline of one's choice, is for points.
-    fn check_kind(&self) -> Result<(), Failure> {
+    /// Which calibration the tables take: of the geometry (points), of the response (power), none (phase).
+    fn calibrated(&self) -> Result<Calibrated, Failure> {
         let flag = if self.calibration.is_some() {
             "--calibration"
         } else if self.baseline != "physical" {
             "--baseline"
         } else {
-            return Ok(());
+            return Ok(Calibrated::Nothing);
         };
-        let Some(path) = self.data.first() else { return Ok(()) };
-        if retina_files::Table::read(path)?.columns().iter().any(|column| column == "camera_x_px") {
-            return Ok(());
+        let Some(path) = self.data.first() else { return Ok(Calibrated::Nothing) };
+        let table = retina_files::Table::read(path)?;
+        let has = |name: &str| table.columns().iter().any(|column| column == name);
+        if has("camera_x_px") {
+            return Ok(Calibrated::Geometry);
         }
-        Err(InputError::new(flag, "is for tables of points")
-            .found(format!("{}, which has no column camera_x_px", path.display()))
+        if has("irradiance_w_m2") && flag == "--calibration" {
+            return Ok(Calibrated::Response);
+        }
+        let tables = if flag == "--baseline" { "points" } else { "points or of power readings" };
+        Err(InputError::new(flag, format!("is for tables of {tables}"))
+            .found(format!("{}, which is none", path.display()))
             .help(format!("leave out {flag}: other tables have one baseline"))
             .into())
     }
@@ -70,14 +78,39 @@ impl Input {
             .help("leave out one of the two")
             .into());
         }
-        self.check_kind()?;
+        let kind = self.calibrated()?;
         let setup = Setup::read(&self.setup)?;
+        let path = |of: Calibrated| self.calibration.as_ref().filter(|_| kind == of);
         let calibration =
-            self.calibration.as_ref().map(|path| Calibration::read(path, &setup)).transpose()?;
-        let source = Source { files: &self.data, setup: &setup, calibration: calibration.as_ref(), baseline };
+            path(Calibrated::Geometry).map(|path| Calibration::read(path, &setup)).transpose()?;
+        let response = path(Calibrated::Response).map(|path| response_of(path, &setup)).transpose()?;
+        let source = Source {
+            files: &self.data,
+            setup: &setup,
+            calibration: calibration.as_ref(),
+            response: response.as_ref(),
+            baseline,
+        };
         let data = Dataset::read(&source)?;
         Ok((setup, data))
     }
+}
+
+/// What a calibration is held for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Calibrated {
+    Nothing,
+    Geometry,
+    Response,
+}
+
+fn response_of(path: &Path, setup: &Setup) -> Result<RadiometricCalibration, InputError> {
+    RadiometricCalibration::read(path, setup)?.ok_or_else(|| {
+        InputError::new(path, "the calibration has no response")
+            .at("table `response`")
+            .expected("a calibration of the display's light, for readings of a power meter")
+            .help("`retina calibrate radiometry --data power.csv --out ...` makes one")
+    })
 }
 
 /// The effects of `--effect`.

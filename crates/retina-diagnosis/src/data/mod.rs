@@ -14,7 +14,7 @@ pub(crate) use phase::lambert_magnitude;
 pub(crate) use points::ARCSEC_PER_RAD;
 pub use read::{Baseline, Source};
 
-use crate::field::{Field, HeldModel};
+use crate::field::{Field, Held};
 
 /// Which table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -137,7 +137,7 @@ pub struct Dataset {
     /// The baseline.
     pub(crate) baseline: Baseline,
     /// A calibration that is held fixed, on these rows.
-    pub(crate) held: Option<HeldModel>,
+    pub(crate) held: Option<Held>,
     /// Its error's columns, made when they are first asked for.
     pub(crate) field: OnceLock<Field>,
     /// The files.

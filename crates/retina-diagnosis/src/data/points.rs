@@ -9,7 +9,7 @@ use retina_files::{InputError, Table};
 use retina_radiometry::ScreenResponse;
 
 use super::read::{Baseline, Place, Source, channel_of, covariates, number_in};
-use crate::field::HeldModel;
+use crate::field::{Held, HeldModel};
 
 use super::{Covariate, Dataset, Group, RowFrame, TableKind, Term};
 
@@ -181,7 +181,7 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         screen_pixel_arcsec: ARCSEC_PER_RAD / facility.fx_px,
         frame,
         baseline,
-        held,
+        held: held.map(Held::Geometry),
         field: OnceLock::new(),
         files: source.files.to_vec(),
         notes,

@@ -1,11 +1,16 @@
-//! `power.csv` as data: irradiance relative to what the nominal response gives.
+//! `power.csv` as data: irradiance relative to what the nominal response, or a calibrated one, gives.
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
+use faer::Mat;
 use retina_files::{InputError, Table};
+use retina_response::{ChannelCurve, RadiometricCalibration};
 
 use super::read::{Baseline, Place, Source, channel_of, covariates, number_in};
+use crate::field::Held;
+use crate::linear::cholesky;
+
 use super::{Covariate, Dataset, Group, RowFrame, TableKind, Term};
 
 const REQUIRED: [&str; 4] = ["channel", "digital_count", "square_px", "irradiance_w_m2"];
@@ -49,16 +54,20 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
             "the square's side in pixels, 0 for a dark reading",
         )?;
         let lit = channel_of(table, row)?;
-        let share = if lit == 3 { 1.0 } else { 1.0 / 3.0 };
         channel.push(lit);
         level.push(count / 255.0);
         square.push(side);
-        nominal.push(side * side * share * (count / 255.0).powf(gamma));
+        let pixel = match source.response {
+            Some(response) => channels(lit).map(|c| light(&response.channels[c], count)).sum(),
+            None => (count / 255.0).powf(gamma) * if lit == 3 { 1.0 } else { 1.0 / 3.0 },
+        };
+        nominal.push(side * side * pixel);
         measured.push(table.number(row, "irradiance_w_m2")?);
     }
     // The gain is a median, so that neither an effect nor an outlier turns the scale.
+    let zero = source.response.map_or(0.0, zero_w_m2);
     let mut ratios: Vec<f64> =
-        measured.iter().zip(&nominal).filter(|(_, n)| **n > 0.0).map(|(m, n)| m / n).collect();
+        measured.iter().zip(&nominal).filter(|(_, n)| **n > 0.0).map(|(m, n)| (m - zero) / n).collect();
     if ratios.is_empty() {
         return Err(InputError::new(tables[0].file(), "holds dark readings alone")
             .expected("readings of lit squares"));
@@ -70,7 +79,7 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
     }
     let faintest = nominal.iter().copied().filter(|n| *n > 0.0).fold(f64::INFINITY, f64::min);
     let scale: Vec<f64> = nominal.iter().map(|n| gain * n.max(faintest)).collect();
-    let y = (0..places.len()).map(|i| measured[i] / scale[i] - nominal[i] * gain / scale[i]).collect();
+    let y = (0..places.len()).map(|i| (measured[i] - zero - nominal[i] * gain) / scale[i]).collect();
     let mut all = covariates(
         tables,
         &places,
@@ -81,7 +90,7 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
     let mut add = |name: &str, values: Vec<f64>| all.push(Covariate { name: name.to_owned(), values });
     // Natural logarithms; dark readings stand at the faintest lit one.
     add("ln_irradiance", nominal.iter().map(|n| n.max(faintest).ln()).collect());
-    add("level", level);
+    add("level", level.clone());
     add("per_irradiance", scale.iter().map(|s| 1.0 / s).collect());
     add("lit", nominal.iter().map(|n| f64::from(u8::from(*n > 0.0))).collect());
     for (k, name) in ["channel_r", "channel_g", "channel_b", "channel_w"].into_iter().enumerate() {
@@ -100,6 +109,16 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
             noise_key[i] = (sigma / scale[i]).ln();
         }
     }
+    let held = source.response.map(|response| {
+        let lit = |row: usize| channels(channel[row]);
+        Held::Response(open_columns(
+            response,
+            places.len(),
+            &lit,
+            &|row| (square[row], level[row] * 255.0),
+            &scale,
+        ))
+    });
     let rows = places.len();
     let groups = Group::in_order(groups.into_iter().map(|((_, name), rows)| (name, rows.len())));
     Ok(Dataset {
@@ -122,11 +141,72 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
             .map(|i| RowFrame { measured: [measured[i], 0.0], to_table: [[scale[i], 0.0], [0.0, 0.0]] })
             .collect(),
         baseline: Baseline::Physical,
-        held: None,
+        held,
         field: OnceLock::new(),
         files: source.files.to_vec(),
         notes,
     })
+}
+
+/// Channels that are lit, as indices into r, g, b, where a reading says `channel`.
+fn channels(channel: u8) -> std::ops::Range<usize> {
+    if channel == 3 { 0..3 } else { usize::from(channel)..usize::from(channel) + 1 }
+}
+
+/// A pixel's light, W m^-2; straight between whole counts.
+fn light(curve: &ChannelCurve, count: f64) -> f64 {
+    let below = (count.floor() as usize).min(254);
+    let (low, high) = (curve.irradiance_w_m2[below], curve.irradiance_w_m2[below + 1]);
+    low + (count - below as f64) * (high - low)
+}
+
+/// The reading without a lit square: one meter's, told three times.
+fn zero_w_m2(response: &RadiometricCalibration) -> f64 {
+    let zeros: Vec<f64> = response.channels.iter().filter_map(|curve| curve.zero_w_m2).collect();
+    zeros.iter().sum::<f64>() / zeros.len().max(1) as f64
+}
+
+/// What a response's covariance leaves open of each reading over `scale`, as independent columns of unit variance: with
+/// C = L L^T and the derivatives g by its unknowns they are g L.
+fn open_columns(
+    response: &RadiometricCalibration,
+    rows: usize,
+    lit: &dyn Fn(usize) -> std::ops::Range<usize>,
+    square_and_count: &dyn Fn(usize) -> (f64, f64),
+    scale: &[f64],
+) -> Vec<Vec<f64>> {
+    let mut out = Vec::new();
+    for (c, curve) in response.channels.iter().enumerate() {
+        let side = curve.covariance.len();
+        // A gain in units of full light and a zero in W m^-2 are parts of one matrix: it is made of unit diagonal first.
+        let unit: Vec<f64> = (0..side).map(|k| curve.covariance[k][k].max(0.0).sqrt()).collect();
+        let correlation = Mat::<f64>::from_fn(side, side, |i, j| {
+            let product = unit[i] * unit[j];
+            if product > 0.0 { curve.covariance[i][j] / product } else { f64::from(u8::from(i == j)) }
+        });
+        let Some(factor) = cholesky(&correlation) else { continue };
+        let dark = curve.irradiance_w_m2[0];
+        for column in 0..side {
+            out.push(
+                (0..rows)
+                    .map(|row| {
+                        if !lit(row).contains(&c) {
+                            return 0.0;
+                        }
+                        let (square, count) = square_and_count(row);
+                        let area = square * square;
+                        let above = area * (light(curve, count) - dark);
+                        let slope = if count > 0.0 { (count / 255.0).ln() } else { 0.0 };
+                        let by = [above, above * slope, area, 1.0 / lit(row).len() as f64];
+                        let sum: f64 =
+                            (column..side.min(4)).map(|k| by[k] * unit[k] * factor[(k, column)]).sum();
+                        sum / scale[row]
+                    })
+                    .collect(),
+            );
+        }
+    }
+    out
 }
 
 /// One gain: dark readings have no light to scale.

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 use retina_files::{InputError, Table};
 use retina_geometry::{Calibration, Setup};
+use retina_response::RadiometricCalibration;
 
 use super::{Covariate, Dataset, large, phase, points, power};
 
@@ -46,8 +47,10 @@ pub struct Source<'a> {
     pub files: &'a [PathBuf],
     /// The facility.
     pub setup: &'a Setup,
-    /// A model held fixed.
+    /// A model held fixed, of points.
     pub calibration: Option<&'a Calibration>,
+    /// A response held fixed, of power readings.
+    pub response: Option<&'a RadiometricCalibration>,
     /// What is fitted without one.
     pub baseline: Baseline,
 }

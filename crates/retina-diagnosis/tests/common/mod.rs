@@ -135,6 +135,7 @@ pub(crate) fn dataset(setup: &Setup, text: &str) -> Dataset {
     let folder = tempfile::tempdir().unwrap();
     let path: PathBuf = folder.path().join("table.csv");
     std::fs::write(&path, text).unwrap();
-    let source = Source { files: &[path], setup, calibration: None, baseline: Baseline::Physical };
+    let source =
+        Source { files: &[path], setup, calibration: None, response: None, baseline: Baseline::Physical };
     Dataset::read(&source).unwrap()
 }
