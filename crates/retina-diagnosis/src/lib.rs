@@ -44,5 +44,7 @@ pub use output::{
     write_predictions,
 };
 pub use own::{OwnEffect, OwnParameter};
-pub use report::{Shape, compare_page, diagnose_page, fit_page, unexplained_shapes};
+pub use report::{
+    Shape, compare_page, diagnose_page, effects_page, fit_page, signature_svg, unexplained_shapes,
+};
 pub use unexplained::Unexplained;

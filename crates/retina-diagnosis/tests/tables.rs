@@ -211,7 +211,7 @@ fn a_calibrated_response_is_held() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("power.csv");
     std::fs::write(&path, power(40, &|light, _, count, channel| display(light, count, channel))).unwrap();
-    let readings = PowerReadings::read(&[path.clone()]).unwrap();
+    let readings = PowerReadings::read(std::slice::from_ref(&path)).unwrap();
     let response = RadiometricCalibration::fit(&setup, readings).unwrap().calibration;
     let verdict = |text: String, response: Option<&RadiometricCalibration>| {
         std::fs::write(&path, text).unwrap();

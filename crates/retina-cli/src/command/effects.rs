@@ -1,6 +1,8 @@
 //! `retina effects`.
 
-use retina_diagnosis::{TableKind, effects, effects_json, effects_text};
+use std::path::PathBuf;
+
+use retina_diagnosis::{TableKind, effects, effects_json, effects_page, effects_text};
 use retina_files::{InputError, nearest};
 
 use crate::failure::Failure;
@@ -16,6 +18,9 @@ pub(crate) struct Arguments {
     /// Print a JSON document on standard output.
     #[arg(long)]
     json: bool,
+    /// Write a page with what each looks like.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -44,6 +49,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             .into());
         }
         list.retain(|effect| effect.id == id);
+    }
+    if let Some(path) = &arguments.report {
+        crate::check_file(path, "html")?;
+        effects_page(&list)?.write(path)?;
     }
     match arguments.json {
         true => print_json(&effects_json(&list)),

@@ -68,11 +68,19 @@ impl Dataset {
             source.files.iter().map(|path| large::read(path)).collect::<Result<_, _>>()?;
         let in_part: Vec<String> = parts.iter().filter_map(|part| part.note.clone()).collect();
         let tables: Vec<Table> = parts.into_iter().map(|part| part.table).collect();
+        let mut data = Self::of_tables(source, &tables)?;
+        data.in_part = !in_part.is_empty();
+        data.notes.extend(in_part);
+        Ok(data)
+    }
+
+    /// The same from tables at hand.
+    pub(crate) fn of_tables(source: &Source<'_>, tables: &[Table]) -> Result<Self, InputError> {
         let Some(first) = tables.first() else {
             return Err(InputError::new("--data", "names no table").expected("at least one file"));
         };
         let kind = Kind::of(first)?;
-        for table in &tables {
+        for table in tables {
             if Kind::of(table)? != kind {
                 return Err(InputError::new(table.file(), "is another kind of table than the first")
                     .found(format!("columns {}", table.columns().join(", ")))
@@ -80,7 +88,7 @@ impl Dataset {
                     .help("give tables of one kind in one command"));
             }
         }
-        let repeated = repeated(&tables);
+        let repeated = repeated(tables);
         if let (Kind::Points, Some((place, before))) = (kind, repeated.first()) {
             let (table, earlier) = (&tables[place.table], &tables[before.table]);
             return Err(InputError::new(table.file(), "the row repeats another in every cell")
@@ -94,9 +102,9 @@ impl Dataset {
                 )));
         }
         let mut data = match kind {
-            Kind::Points => points::read(source, &tables)?,
-            Kind::Power => power::read(source, &tables)?,
-            Kind::Phase => phase::read(source, &tables)?,
+            Kind::Points => points::read(source, tables)?,
+            Kind::Power => power::read(source, tables)?,
+            Kind::Phase => phase::read(source, tables)?,
         };
         if data.len() < FEWEST_ROWS {
             return Err(InputError::new(first.file(), "has too few rows to be explained")
@@ -107,8 +115,6 @@ impl Dataset {
             // A meter that rounds may well show the same twice.
             data.notes.push(format!("{} rows repeat others in every cell", repeated.len()));
         }
-        data.in_part = !in_part.is_empty();
-        data.notes.extend(in_part);
         Ok(data)
     }
 }

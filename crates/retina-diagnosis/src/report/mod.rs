@@ -1,11 +1,13 @@
 //! Comparisons, diagnoses and fits as pages: plots first, then figures.
 
 mod shape;
+mod signature;
 
 use retina_plot::{Anchor, Axis, Figure, PALETTE, Panel, Style};
 use retina_report::{Page, Section};
 
 pub use shape::{Shape, unexplained_shapes};
+pub use signature::{effects_page, signature_svg};
 
 use crate::added::AddedEffect;
 use crate::compare::Comparison;
