@@ -2,6 +2,7 @@
 
 use crate::added::{AddedEffect, adjusted};
 use crate::data::{ARCSEC_PER_RAD, Dataset, TableKind};
+use crate::decode::{Decoded, decode};
 use crate::diagnose::MOST_ROWS;
 use crate::noise::Weights;
 use crate::score::{Flips, Frame};
@@ -62,6 +63,8 @@ pub struct Comparison {
     pub worst_groups: Vec<WorstGroup>,
     /// What the screens found for each set of columns, most significant first.
     pub dependence: Vec<Dependence>,
+    /// The baseline's polynomial, or a held calibration's, as physics.
+    pub decoded: Option<Decoded>,
     /// What the user ought to know.
     pub notes: Vec<String>,
 }
@@ -117,6 +120,7 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
         fraction_within_10_arcsec: (data.kind == TableKind::Points).then_some(within),
         worst_groups: worst(data, &fit.residual, &fit.weights),
         dependence,
+        decoded: decode(data),
         notes,
     }
 }

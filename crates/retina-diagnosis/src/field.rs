@@ -86,6 +86,11 @@ impl HeldModel {
         }
     }
 
+    /// Degree of its polynomial.
+    pub(crate) fn degree(&self) -> u32 {
+        self.degree
+    }
+
     /// Whether the calibration says how uncertain it is.
     pub(crate) fn has_covariance(&self) -> bool {
         self.covariance.is_some()

@@ -9,6 +9,7 @@ use serde_json::{Map, Value, json};
 use crate::catalogue::Effect;
 use crate::compare::{Comparison, PERCENTILES};
 use crate::data::{Dataset, TableKind};
+use crate::decode::Decoded;
 use crate::diagnose::{Diagnosis, Verdict};
 use crate::estimate::Parameter;
 use crate::fit::Fit;
@@ -41,6 +42,45 @@ pub fn compare_json(data: &Dataset, result: &Comparison) -> Value {
     if let Some(fraction) = result.fraction_within_10_arcsec {
         out["fraction_within_10_arcsec"] = json!(fraction);
     }
+    if let Some(decoded) = &result.decoded {
+        out["decoded"] = json!({
+            "of": decoded.of,
+            "readings": decoded.readings.iter().map(|r| json!({ "effects": r.effects, "parameters": parameters_json(&r.parameters) })).collect::<Vec<_>>(),
+            "remainder_rms_arcsec": decoded.remainder_rms_arcsec,
+            "remainder_expected_arcsec": decoded.remainder_expected_arcsec,
+        });
+    }
+    out
+}
+
+/// A polynomial as physics, as text.
+fn decoded_text(decoded: &Decoded) -> Vec<String> {
+    let mut out =
+        vec![format!("{} as physics, amplitudes in arcsec at half the camera's width:", decoded.of)];
+    for (k, reading) in decoded.readings.iter().enumerate() {
+        let parameters: Vec<String> = reading
+            .parameters
+            .iter()
+            .map(|p| {
+                let name = p.name.trim_end_matches("_arcsec");
+                p.sigma.map_or_else(
+                    || format!("{name} {:.3}", p.value),
+                    |sigma| format!("{name} {:.3} +- {sigma:.3}", p.value),
+                )
+            })
+            .collect();
+        let effects =
+            if reading.effects.is_empty() { "nothing".to_owned() } else { reading.effects.join(" + ") };
+        out.push(format!("{}{effects}: {}", if k > 0 { "  or " } else { "  " }, parameters.join(", ")));
+    }
+    out.push(
+        "  screen_tilt is as well camera_pointing, decentering as well optical_centre: a roll of the camera tells"
+            .to_owned(),
+    );
+    let expected = decoded
+        .remainder_expected_arcsec
+        .map_or_else(String::new, |e| format!("; {e:.3} is expected of the polynomial's own uncertainty"));
+    out.push(format!("  none of these: {:.3} arcsec rms per axis{expected}", decoded.remainder_rms_arcsec));
     out
 }
 
@@ -161,6 +201,9 @@ pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
             100.0 * d.share,
             d.p_value
         ));
+    }
+    if let Some(decoded) = &result.decoded {
+        out.extend(decoded_text(decoded));
     }
     for group in &result.worst_groups {
         out.push(format!("worst: {} ({} rows), {:.4} {unit}", group.name, group.rows, group.rms));

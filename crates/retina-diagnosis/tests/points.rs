@@ -4,7 +4,10 @@ mod common;
 
 use common::{ARCSEC, Campaign, Point, setup};
 use glam::DVec2;
-use retina_diagnosis::{AddedEffect, DiagnoseOptions, Diagnosis, Verdict, diagnose, fit, unexplained_shapes};
+use retina_diagnosis::{
+    AddedEffect, Baseline, Dataset, DiagnoseOptions, Diagnosis, Reading, Source, Verdict, decode, diagnose,
+    fit, unexplained_shapes,
+};
 
 type Effect = Box<dyn Fn(&Point) -> DVec2>;
 
@@ -204,4 +207,41 @@ fn an_outside_field_names_irradiance_and_place() {
     let result = fit(&data, &[effect]).unwrap();
     let beyond = |step: usize| result.steps[step].1.powi(2) - result.noise_floor.powi(2);
     assert!(beyond(0) > 3.0 && beyond(1) < 0.15 * beyond(0), "{:?} {}", result.steps, result.noise_floor);
+}
+
+/// A cubic swallows a tilted screen and the lens's k1; told as physics both come back. By hand, with s = 8 arcsec:
+/// r / (1 + t r) is r - t r r, so 0.8 s along x and -0.6 s along y at half the width, with the sign turned; k1 = 0.35 is
+/// 0.35 x 0.1413^3 rad = 203.7 arcsec there, of which a cubic keeps what a fifth degree would not take.
+#[test]
+fn a_polynomial_is_told_as_physics() {
+    let setup = setup();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("table.csv");
+    let decoded = |id: &str, degree: u32| {
+        let effect = physical(id, 8.0);
+        std::fs::write(&path, Campaign::new(12).table(&setup, &effect)).unwrap();
+        let files = [path.clone()];
+        let baseline = Baseline::Polynomial(degree);
+        let source = Source { files: &files, setup: &setup, calibration: None, response: None, baseline };
+        decode(&Dataset::read(&source).unwrap()).unwrap()
+    };
+    let value = |reading: &Reading, name: &str| {
+        reading.parameters.iter().find(|p| p.name == name).map(|p| (p.value, p.sigma.unwrap())).unwrap()
+    };
+    let tilted = decoded("screen_tilt", 3);
+    let simplest = &tilted.readings[0];
+    println!("{tilted:?}");
+    assert_eq!(simplest.effects, ["screen_tilt", "radial_k1"]);
+    for (name, truth) in [("screen_tilt_x_arcsec", -6.4), ("screen_tilt_y_arcsec", 4.8)] {
+        let (found, sigma) = value(simplest, name);
+        // A tenth of an arcsec is left to the forms' higher orders.
+        assert!((found - truth).abs() < 4.0 * sigma + 0.1 && sigma < 0.3, "{name}: {found} +- {sigma}");
+    }
+    let (k1, sigma) = value(simplest, "k1_arcsec");
+    assert!((k1 - 203.7).abs() < 4.0 * sigma + 2.0, "{k1} +- {sigma}");
+    // The other reading causes the same field with one effect more.
+    assert_eq!(tilted.readings[1].effects, ["decentering", "thin_prism", "radial_k1"]);
+    let shifted = decoded("decentering", 5);
+    println!("{shifted:?}");
+    assert_eq!(shifted.readings[0].effects, ["decentering", "radial_k1"]);
 }
