@@ -74,7 +74,7 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
     let fitted_part = data.fitted_part();
     let data = fitted_part.as_ref().unwrap_or(data);
     let screened_part = data.thinned(MOST_ROWS);
-    let notes = screened_part.as_ref().unwrap_or(data).notes.clone();
+    let mut notes = screened_part.as_ref().unwrap_or(data).notes.clone();
     let screened = adjusted(screened_part.as_ref().unwrap_or(data), added);
     let frame = Frame::fitted(&screened.data, &screened.base);
     let all = screens(&frame);
@@ -84,6 +84,7 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
     let data = &adjusted.data;
     let n = data.components();
     let fit = crate::noise::robust_fit(data, &adjusted.base);
+    notes.extend(crate::noise::lost_groups(data, &fit.weights));
     let total: f64 = frame.error.iter().map(|e| e * e).sum();
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|&a, &b| {

@@ -243,6 +243,7 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
         (false, false, true) => Verdict::Confounded,
         (false, false, false) => Verdict::Named,
     };
+    notes.extend(crate::noise::lost_groups(data, &frame.weights));
     let steps = ladder(data, &baseline, &prepared, &accepted, &frame.weights);
     let next =
         sets.iter().zip(&accepted).find(|(set, _)| set.len() > 1).and_then(|(set, &(index, variant))| {

@@ -5,9 +5,10 @@ use retina_calibration::NoiseGroups;
 
 use faer::linalg::solvers::{DenseSolveCore as _, Solve as _};
 
-use crate::data::Dataset;
+use crate::data::{Dataset, Group};
 use crate::field::Field;
 use crate::linear::{Basis, cholesky, dot, matrix};
+use crate::series::median;
 
 /// Rows further off than this many sigmas are outliers: of a normal error in the plane 4e-5, on a line 7e-6.
 const OUTLIER_SIGMAS: f64 = 4.5;
@@ -276,6 +277,70 @@ fn steady_columns(data: &Dataset, columns: &[Vec<f64>]) -> usize {
         .count()
 }
 
+/// Fewest rows of a group whose median tells its shift.
+const ROWS_OF_MEDIAN: usize = 8;
+/// Groups whose median is further from the others' than this many of their standard deviations, and which are no more
+/// than this share of all, are outliers as a whole.
+const FAR_GROUP: f64 = 6.0;
+const FAR_SHARE: f64 = 0.1;
+
+/// Medians of the groups' errors, before any weight is known.
+fn first_shifts(data: &Dataset, residual: &[f64], n: usize) -> Vec<[f64; 2]> {
+    if !data.jitters {
+        return vec![[0.0; 2]; data.groups.len()];
+    }
+    let told = |group: &Group| group.rows.len() >= ROWS_OF_MEDIAN;
+    let mut shifts: Vec<[f64; 2]> = data
+        .groups
+        .iter()
+        .map(|group| {
+            let of = |axis: usize| {
+                let values = group.rows.clone().map(|row| residual[row * n + axis]);
+                if told(group) && axis < n { median(&values.collect::<Vec<f64>>()) } else { 0.0 }
+            };
+            [of(0), of(1)]
+        })
+        .collect();
+    let mut far = vec![false; shifts.len()];
+    for axis in 0..n {
+        let along: Vec<f64> =
+            data.groups.iter().zip(&shifts).filter(|(g, _)| told(g)).map(|(_, s)| s[axis]).collect();
+        if along.is_empty() {
+            return shifts;
+        }
+        let middle = median(&along);
+        let off: Vec<f64> = along.iter().map(|v| (v - middle).abs()).collect();
+        let sigma = median(&off) / MEDIAN_LENGTH[0];
+        for (far, shift) in far.iter_mut().zip(&shifts) {
+            *far |= (shift[axis] - middle).abs() > FAR_GROUP * sigma;
+        }
+    }
+    if far.iter().filter(|far| **far).count() as f64 <= FAR_SHARE * shifts.len() as f64 {
+        shifts.iter_mut().zip(&far).filter(|(_, far)| **far).for_each(|(shift, _)| *shift = [0.0; 2]);
+    }
+    shifts
+}
+
+/// What is to be said of groups of which no row counts.
+pub(crate) fn lost_groups(data: &Dataset, weights: &Weights) -> Option<String> {
+    let lost: Vec<&str> = data
+        .groups
+        .iter()
+        .filter(|group| group.rows.len() >= ROWS_OF_MEDIAN)
+        .filter(|group| weights.outlier[group.rows.clone()].iter().all(|out| *out))
+        .map(|group| group.name.as_str())
+        .collect();
+    let more = if lost.len() > 5 { ", ..." } else { "" };
+    (!lost.is_empty()).then(|| {
+        format!(
+            "all rows of {} {} are outliers: {}{more}",
+            lost.len(),
+            if data.components() == 2 { "exposures" } else { "groups" },
+            lost[..lost.len().min(5)].join(", ")
+        )
+    })
+}
+
 impl Weights {
     fn update(
         &mut self,
@@ -286,7 +351,9 @@ impl Weights {
         steady: usize,
         known: bool,
     ) {
-        let shifts = self.shifts(data, residual, n, steady, known);
+        // At first the groups' medians: a shift that many groups share is no outlier.
+        let shifts =
+            if known { self.shifts(data, residual, n, steady) } else { first_shifts(data, residual, n) };
         let mut length = vec![0.0; data.len()];
         for (group, shift) in data.groups.iter().zip(&shifts) {
             for row in group.rows.clone() {
@@ -312,14 +379,7 @@ impl Weights {
 
     /// Moment estimate of the variance of the groups' common errors (DerSimonian and Laird, Controlled Clinical Trials
     /// 7, 1986, eq. 8), and each group's, shrunk by what its rows' noise leaves uncertain.
-    fn shifts(
-        &mut self,
-        data: &Dataset,
-        residual: &[f64],
-        n: usize,
-        steady: usize,
-        known: bool,
-    ) -> Vec<[f64; 2]> {
+    fn shifts(&mut self, data: &Dataset, residual: &[f64], n: usize, steady: usize) -> Vec<[f64; 2]> {
         if !data.jitters {
             return vec![[0.0; 2]; data.groups.len()];
         }
@@ -348,7 +408,7 @@ impl Weights {
                 / n as f64;
         let scale = total - squares / total;
         self.jitter_variance =
-            if known && free >= 1.0 && scale > 0.0 { ((spread - free) / scale).max(0.0) } else { 0.0 };
+            if free >= 1.0 && scale > 0.0 { ((spread - free) / scale).max(0.0) } else { 0.0 };
         let variance = self.jitter_variance;
         means.iter().map(|(sum, mean)| mean.map(|m| m * variance * sum / (1.0 + variance * sum))).collect()
     }

@@ -40,7 +40,7 @@ pub(crate) fn outlying(data: &Dataset, error: &[f64]) -> Option<Outlying> {
         .map(|(_, outlying)| outlying)
 }
 
-fn median(values: &[f64]) -> f64 {
+pub(crate) fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     let middle = sorted.len() / 2;

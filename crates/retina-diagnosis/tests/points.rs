@@ -288,3 +288,25 @@ fn threads_change_no_bit() {
     assert!(one.contains("flux_coma"));
     assert!(one == on(2) && one == on(5), "results differ with the number of threads");
 }
+
+/// A shift of thirty sigmas that a quarter of the exposures do not share is no outlier of these, but a knock; the two
+/// exposures that were bumped are outliers as a whole, and named.
+#[test]
+fn exposures_that_share_a_shift_are_no_outliers() {
+    for seed in 0..6 {
+        let data = Campaign::new(90 + seed).data(&setup(), &|p| {
+            let shift = if p.exposure >= 9 { DVec2::new(23.0, 45.0) } else { DVec2::ZERO };
+            p.r + shift * ARCSEC
+        });
+        let found = diagnose(&data, &[], &DiagnoseOptions { flips: 499, seed: 1 });
+        assert_eq!(found.accepted, ["knock"], "{seed}: {} outliers", found.outliers);
+        let bumped = Campaign::new(90 + seed).data(&setup(), &|p| {
+            let shift = if [11, 30].contains(&p.exposure) { DVec2::new(60.0, -80.0) } else { DVec2::ZERO };
+            p.r + shift * ARCSEC
+        });
+        let found = diagnose(&bumped, &[], &DiagnoseOptions { flips: 499, seed: 1 });
+        assert_eq!(found.verdict, Verdict::Adequate, "{seed}: {:?}", found.accepted);
+        let said = found.notes.iter().any(|note| note.contains("2 exposures are outliers: e011, e030"));
+        assert!(said, "{:?}", found.notes);
+    }
+}

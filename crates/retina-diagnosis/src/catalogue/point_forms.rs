@@ -247,7 +247,7 @@ pub(super) fn roll_drift(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
 }
 
 /// What steps: numbers that name it in the shape.
-const STEPS: [(f64, &str); 4] = [(0.0, "shift"), (1.0, "roll"), (2.0, "scale"), (3.0, "tilt")];
+const STEPS: [&str; 4] = ["shift", "roll", "scale", "tilt"];
 /// What settles after a step does so within this part of the campaign.
 const SETTLING: f64 = 0.03;
 /// Times at which a step is looked for.
@@ -260,7 +260,7 @@ pub(super) fn knock(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
         - time.iter().copied().fold(f64::INFINITY, f64::min);
     let mut out = Vec::new();
     for t0 in step_times(data, time, STEP_TIMES) {
-        for (code, name) in STEPS {
+        for name in STEPS {
             let after = move |i: usize| f64::from(u8::from(time[i] > t0));
             let term = |suffix: &str, value: fn(f64, f64) -> [f64; 2]| {
                 Term::new(format!("{name}{suffix}_arcsec"), move |i| value(x[i], y[i]).map(|v| v * after(i)))
@@ -280,7 +280,7 @@ pub(super) fn knock(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
             } else {
                 Vec::new()
             };
-            out.push(Variant { shape: vec![("t0_s", t0), ("term", code)], leading, further });
+            out.push(Variant { shape: vec![("t0_s", t0)], leading, further });
         }
     }
     Ok(out)

@@ -199,7 +199,7 @@ fn self_heating(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     if let Some(t) = data.varying("temperature_c") {
         let mean = t.iter().sum::<f64>() / t.len() as f64;
         out.push(Variant {
-            shape: vec![("of_temperature", 1.0)],
+            shape: Vec::new(),
             leading: vec![term("relative_per_k", lit(data, |i| t[i] - mean))],
             further: Vec::new(),
         });
@@ -236,12 +236,11 @@ fn ageing(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     }
     let dose = to_unit(&dose);
     let elapsed = to_unit(time);
-    Ok([("dose", dose), ("time", elapsed)]
+    Ok([("relative_over_half_the_dose", dose), ("relative_over_half_the_time", elapsed)]
         .into_iter()
-        .enumerate()
-        .map(|(k, (_, values))| Variant {
-            shape: vec![("of_time", k as f64)],
-            leading: vec![term("relative_over_half_the_campaign", lit(data, |i| values[i]))],
+        .map(|(name, values)| Variant {
+            shape: Vec::new(),
+            leading: vec![term(name, lit(data, |i| values[i]))],
             further: Vec::new(),
         })
         .collect())
