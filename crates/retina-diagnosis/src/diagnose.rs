@@ -33,6 +33,9 @@ const LEVEL_FIRST: [f64; 2] = [0.02, 0.01];
 const LEVEL_LATER: [f64; 2] = [0.01, 0.005];
 /// A competitor stays in the set while the best effect adds nothing to it at this level.
 const LEVEL_SET: f64 = 0.02;
+/// Standard errors by which groups left out may be worse with an effect: what one group alone shows is told by no other,
+/// and counts for one standard error.
+const WORSE: f64 = 1.5;
 /// Level below which one may be named in place of a significant one that it clearly beats on groups left out.
 const LEVEL_RIVAL: f64 = 0.1;
 /// Standard errors of the held-out error by which a form has to be better with its further columns.
@@ -354,10 +357,10 @@ fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: 
 
 /// The one that is worth its name, with the fewest columns of those whose held-out error is within a standard error of
 /// the least (L. Breiman et al., Classification and Regression Trees, 1984, sec. 3.4.3). One that makes the held-out
-/// error larger than `before` is none. That there is something is for the significant ones to say; which one it is may
+/// error clearly larger than `before` is none. That there is something is for the significant ones to say; which one it is may
 /// be one whose p-value few groups keep large, if it is clearly better on groups left out.
 fn pick<'r>(ranking: &'r [Ranked], level: f64, floor: f64, before: &HeldOut) -> Option<&'r Ranked> {
-    let better = |r: &&Ranked| r.strength >= floor && r.held_out.total() < before.total();
+    let better = |r: &&Ranked| r.strength >= floor && r.held_out.beaten_by(before) <= WORSE;
     let significant = || ranking.iter().filter(|r| r.p_value <= level).filter(better);
     let least = significant().next()?;
     let rival = ranking.iter().filter(|r| r.p_value <= LEVEL_RIVAL).find(better);
