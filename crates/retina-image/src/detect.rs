@@ -1,5 +1,7 @@
 //! Finding points of light and measuring them.
 
+use std::collections::HashMap;
+
 use rayon::prelude::*;
 
 use crate::centroid::{self, WEIGHT_RATIO, Windowed};
@@ -114,6 +116,7 @@ pub fn detect_points(image: &CameraImage, options: &DetectOptions) -> Detection 
     let measure = |peak: &Peak| measure(image, &background, options, peak, &widths, saturation, &hot_pixels);
     let mut points: Vec<LightPoint> = peaks.par_iter().with_min_len(64).filter_map(measure).collect();
     points.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn));
+    let mut points = without_repeats(points);
     flag_neighbours(&mut points, &widths);
     let [background_dn, noise_dn] = background.median_dn();
     Detection { points, hot_pixels, background_dn, noise_dn, spot_sigma_px: widths.typical_px() }
@@ -351,6 +354,31 @@ fn measure(
 /// The hot pixels that a window about a place can hold: it asks of each of its pixels whether it is one.
 pub(crate) fn near(hot: &[[usize; 2]], centre: [usize; 2]) -> Vec<[usize; 2]> {
     hot.iter().filter(|at| (0..2).all(|k| at[k].abs_diff(centre[k]) < 32)).copied().collect()
+}
+
+/// Points whose centroids are nearer than this are one, px: peaks of a bright spot's own structure, whose windows have
+/// ended at its middle.
+const SAME_PX: f64 = 1.5;
+
+/// Of points in one place the brightest; the order is kept.
+fn without_repeats(points: Vec<LightPoint>) -> Vec<LightPoint> {
+    let mut by_cell: HashMap<[i64; 2], Vec<[f64; 2]>> = HashMap::new();
+    points
+        .into_iter()
+        .filter(|point| {
+            let at = [point.x_px, point.y_px];
+            let [column, row] = at.map(|v| (v / SAME_PX).floor() as i64);
+            let near = (column - 1..=column + 1).flat_map(|c| (row - 1..=row + 1).map(move |r| [c, r]));
+            let again = near
+                .filter_map(|cell| by_cell.get(&cell))
+                .flatten()
+                .any(|other| (other[0] - at[0]).hypot(other[1] - at[1]) < SAME_PX);
+            if !again {
+                by_cell.entry([column, row]).or_default().push(at);
+            }
+            !again
+        })
+        .collect()
 }
 
 /// Marks points with a neighbour of at least a hundredth of their light within reach.

@@ -208,3 +208,39 @@ fn a_spot_at_the_corner_is_measured_up_to_the_edge() {
     let found = detect_points(&image, &options);
     assert!(found.points.iter().any(|p| (p.x_px - 3.2).hypot(p.y_px - 3.4) < 0.2), "{:?}", found.points);
 }
+
+/// Discs with a bright rim, as defocus makes them: the rim's peaks end at one centroid, and are one point.
+#[test]
+fn a_spot_with_structure_is_one_point() {
+    let mut random = random(11);
+    let (width, height) = (900, 600);
+    let mut plane = vec![0.0; width * height];
+    let mut places = Vec::new();
+    for row in 0..6 {
+        for column in 0..10 {
+            let at = [85.0 * f64::from(column) + 60.3, 95.0 * f64::from(row) + 50.6];
+            let light = 3000.0 * f64::from(column + 1);
+            for lobe in 0..5 {
+                let angle = std::f64::consts::TAU * f64::from(lobe) / 5.0 + f64::from(row);
+                let off = 2.0 + 0.4 * f64::from(column);
+                add_spot(
+                    &mut plane,
+                    width,
+                    [at[0] + off * angle.cos(), at[1] + off * angle.sin()],
+                    light,
+                    0.8,
+                );
+            }
+            places.push(at);
+        }
+    }
+    let found = detect_points(&QUIET.expose(&plane, width, &mut random), &DetectOptions::default());
+    let apart =
+        |a: &retina_image::LightPoint, b: &retina_image::LightPoint| (a.x_px - b.x_px).hypot(a.y_px - b.y_px);
+    for (i, point) in found.points.iter().enumerate() {
+        for other in &found.points[..i] {
+            assert!(apart(point, other) > 1.5, "two points at {:.2}, {:.2}", point.x_px, point.y_px);
+        }
+    }
+    assert!(found.points.len() >= places.len(), "{}", found.points.len());
+}

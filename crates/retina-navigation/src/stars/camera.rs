@@ -1,13 +1,9 @@
 //! From detected points to lines of sight.
 
-use std::collections::BTreeMap;
-
 use glam::{DVec2, DVec3};
 use retina_geometry::{Calibration, Pinhole, Setup};
 use retina_image::LightPoint;
 
-/// Points closer than this are one, px: less than any camera parts.
-const SAME_PX: f64 = 1.5;
 /// Standard deviation per axis of the centroid of a spot whose top is cut off, px: an allowance, as it depends on how
 /// much is cut and on the spot's asymmetry.
 const SATURATED_SIGMA_PX: f64 = 0.5;
@@ -75,25 +71,10 @@ impl StarCamera {
         Some(line_of_sight)
     }
 
-    /// The points of a detection, brightest first; those without a line of sight are left out, and of several that
-    /// stand at one place (the peaks of a bright spot's own structure) all but the brightest.
+    /// The points of a detection, brightest first; those without a line of sight are left out.
     pub fn points(&self, detected: &[LightPoint]) -> Vec<StarPoint> {
-        let mut by_cell: BTreeMap<[i64; 2], Vec<DVec2>> = BTreeMap::new();
         detected
             .iter()
-            .filter(|point| {
-                let at = DVec2::new(point.x_px, point.y_px);
-                let [column, row] = [at.x, at.y].map(|v| (v / SAME_PX).floor() as i64);
-                let near = (column - 1..=column + 1).flat_map(|c| (row - 1..=row + 1).map(move |r| [c, r]));
-                let again = near
-                    .filter_map(|cell| by_cell.get(&cell))
-                    .flatten()
-                    .any(|other| other.distance(at) < SAME_PX);
-                if !again {
-                    by_cell.entry([column, row]).or_default().push(at);
-                }
-                !again
-            })
             .filter_map(|point| {
                 let pixel = DVec2::new(point.x_px, point.y_px);
                 let usable = point.flux_dn > 0.0 && point.flux_dn.is_finite() && point.sigma_px.is_finite();
@@ -130,12 +111,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn peaks_that_end_at_one_place_are_one_point() {
-        let point = |x_px: f64, flux_dn: f64, saturated: bool| LightPoint {
+    fn saturated_points_have_half_a_pixel() {
+        let point = |x_px: f64, saturated: bool| LightPoint {
             x_px,
             y_px: 50.0,
             sigma_px: 0.01,
-            flux_dn,
+            flux_dn: 9.0,
             peak_dn: 1.0,
             saturated,
             blended: false,
@@ -144,12 +125,10 @@ mod tests {
             snr: 100.0,
         };
         let camera = StarCamera::from_field(0.2, [200, 100]);
-        let points =
-            camera.points(&[point(60.0, 9.0, true), point(60.4, 8.0, false), point(62.0, 7.0, false)]);
-        let places: Vec<f64> = points.iter().map(|p| p.pixel.x).collect();
-        assert_eq!(places, [60.0, 62.0]);
-        // tan(0.1) at the edge, 100 px from the middle: 0.00100335 rad a pixel. The saturated one has half a pixel.
+        let points = camera.points(&[point(60.0, true), point(62.0, false)]);
+        // tan(0.1) at the edge, 100 px from the middle: 0.00100335 rad a pixel.
         assert!((points[0].sigma_rad / 0.001_003_35 - 0.5001).abs() < 1e-4);
+        assert!((points[1].sigma_rad / 0.001_003_35 - 0.01).abs() < 1e-4);
         assert!((points[0].line_of_sight.x - -0.040_134).abs() < 1e-6);
     }
 }
