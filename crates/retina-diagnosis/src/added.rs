@@ -35,6 +35,9 @@ impl AddedEffect {
         }
         let all = effects(Some(data.kind));
         if let Some(effect) = all.iter().find(|effect| effect.id == text) {
+            if data.part(text).is_some() {
+                return Ok(Self::Catalogued(effect));
+            }
             if let Err(reason) = (effect.build)(data) {
                 return Err(
                     InputError::new("--effect", format!("this table cannot show `{text}`")).found(reason)
@@ -97,9 +100,9 @@ pub(crate) struct Adjusted {
     pub(crate) owner: Vec<Option<usize>>,
     /// Shape parameters chosen from lists: effect, name, value.
     pub(crate) shape: Vec<(usize, String, f64)>,
-    /// Values of users' parameters; their columns' coefficients are what is still to be added.
+    /// For each column the value its coefficient is counted from: of users' effects and of parts of a prediction.
     pub(crate) start: Vec<f64>,
-    /// Fixed part of the users' effects, per effect.
+    /// Fixed part of these effects, per effect.
     pub(crate) user_values: Vec<(usize, Vec<f64>)>,
 }
 
@@ -167,11 +170,25 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
         names.push(term.name);
         owner.push(None);
     }
+    let mut start = data.baseline_values();
     let mut shape = Vec::new();
+    let mut out = data.clone();
+    let mut user_values = Vec::new();
+    for (index, part) in added.iter().enumerate().filter_map(|(i, e)| Some((i, data.part(e.name())?))) {
+        for (column, value) in &part.tangents {
+            base.push(column.values.clone());
+            names.push(format!("{}.{}", part.id, column.name));
+            owner.push(Some(index));
+            start.push(*value);
+        }
+        out.y.iter_mut().zip(&part.adds).for_each(|(y, value)| *y -= value);
+        shape.extend(part.shape.iter().map(|(n, v)| (index, format!("{}.{n}", part.id), *v)));
+        user_values.push((index, part.adds.clone()));
+    }
     for (index, effect) in added.iter().enumerate() {
         let AddedEffect::Catalogued(effect) = effect else { continue };
         let Ok(variants) = (effect.build)(data) else { continue };
-        let frame = Frame::fitted(data, &base);
+        let frame = Frame::fitted(&out, &base);
         let columns: Vec<Vec<Vec<f64>>> =
             variants.iter().map(|v| v.leading.iter().map(|t| data.column(t)).collect()).collect();
         let scores: Vec<f64> = frame.scores(&columns).iter().map(Score::deviate).collect();
@@ -191,6 +208,7 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
             base.push(column);
             names.push(format!("{}.{}", effect.id, term.name));
             owner.push(Some(index));
+            start.push(0.0);
         };
         for (term, column) in variants[best].leading.iter().zip(&columns[best]) {
             put(term, column.clone());
@@ -207,12 +225,10 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
         .enumerate()
         .filter_map(|(i, e)| if let AddedEffect::Own(user) = e { Some((i, user.as_ref())) } else { None })
         .collect();
-    let start = levenberg_marquardt(data, &base, &users);
-    let mut out = data.clone();
-    let mut user_values = Vec::new();
+    let found = levenberg_marquardt(&out, &base, &users);
     let mut at = 0;
     for (index, user) in &users {
-        let here = &start[at..at + user.parameters().len()];
+        let here = &found[at..at + user.parameters().len()];
         let (values, slopes) = evaluate(*user, data, here);
         for (y, value) in out.y.iter_mut().zip(&values) {
             *y -= value;
@@ -222,6 +238,7 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
             names.push(format!("{}.{}", user.name(), parameter.name));
             owner.push(Some(*index));
         }
+        start.extend(here);
         user_values.push((*index, values));
         at += user.parameters().len();
     }

@@ -158,6 +158,27 @@ struct Ranked {
 
 /// Diagnoses a table; `added` effects belong to the model already.
 pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions) -> Diagnosis {
+    search(data, added, options, MOST_ACCEPTED, None)
+}
+
+/// Looks for one effect alone, for models that are made anew with each effect. `before` is the strength of those found
+/// so far, rms over noise.
+pub fn diagnose_step(
+    data: &Dataset,
+    added: &[AddedEffect],
+    options: &DiagnoseOptions,
+    before: Option<f64>,
+) -> Diagnosis {
+    search(data, added, options, 1, before)
+}
+
+fn search(
+    data: &Dataset,
+    added: &[AddedEffect],
+    options: &DiagnoseOptions,
+    most: usize,
+    before: Option<f64>,
+) -> Diagnosis {
     let thinned = data.thinned(MOST_ROWS);
     let data = thinned.as_ref().unwrap_or(data);
     let mut notes = data.notes.clone();
@@ -179,7 +200,7 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
     let mut accepted: Vec<(usize, usize)> = Vec::new();
     let mut sets: Vec<Vec<usize>> = Vec::new();
     let mut excluded = vec![false; prepared.len()];
-    let mut strength = 0.0;
+    let mut strength = before.unwrap_or(0.0);
     let mut first_ranking: Option<Vec<Ranked>> = None;
     let group = whole_group(data, &base, &prepared);
     if let Some((index, found)) = group {
@@ -195,8 +216,8 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
             sets.push(vec![index]);
         }
     }
-    while accepted.len() < MOST_ACCEPTED {
-        let level = if accepted.is_empty() { LEVEL_FIRST[0] } else { LEVEL_LATER[0] };
+    while accepted.len() < most {
+        let level = if accepted.is_empty() && before.is_none() { LEVEL_FIRST[0] } else { LEVEL_LATER[0] };
         let floor = FLOOR_NOISE.max(FLOOR_ACCEPTED * strength);
         let frame = Frame::fitted(data, &base);
         let ranking = rank(&frame, &prepared, &excluded, &flips);
@@ -230,7 +251,7 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
     }
 
     let frame = Frame::fitted(data, &base);
-    let level = if accepted.is_empty() { LEVEL_FIRST[1] } else { LEVEL_LATER[1] };
+    let level = if accepted.is_empty() && before.is_none() { LEVEL_FIRST[1] } else { LEVEL_LATER[1] };
     let unexplained = unexplained(
         data,
         base.clone(),

@@ -81,7 +81,10 @@ impl EffectOfFile {
             });
         }
         let scale = match (data.kind, file.unit.get_ref().as_str()) {
-            (TableKind::Points, "arcsec") | (TableKind::Power, "relative") | (TableKind::Phase, "mag") => 1.0,
+            (TableKind::Points, "arcsec")
+            | (TableKind::Power, "relative")
+            | (TableKind::Phase, "mag")
+            | (TableKind::Frames, "DN") => 1.0,
             (TableKind::Points, "rad") => ARCSEC_PER_RAD,
             (TableKind::Points, "mrad") => ARCSEC_PER_RAD * 1e-3,
             (TableKind::Points, "arcmin") => 60.0,
@@ -89,7 +92,7 @@ impl EffectOfFile {
             (TableKind::Power, "percent") => 0.01,
             (kind, other) => {
                 let expected =
-                    ["arcsec, arcmin, deg, mrad or rad", "relative or percent", "mag"][kind as usize];
+                    ["arcsec, arcmin, deg, mrad or rad", "relative or percent", "mag", "DN"][kind as usize];
                 return Err(pointed(file.unit.span(), format!("is no unit of errors in {}", kind.name()))
                     .found(format!("`{other}`"))
                     .expected(expected));

@@ -94,8 +94,7 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
         }
     }
     let mut parameters = estimate.named(0, names);
-    let users = n - start.len();
-    for (parameter, start) in parameters[users..].iter_mut().zip(&start) {
+    for (parameter, start) in parameters.iter_mut().zip(&start) {
         parameter.value += start;
     }
     parameters.extend(shape.into_iter().map(|(_, name, value)| Parameter { name, value, sigma: None }));

@@ -1,6 +1,6 @@
 //! What a model leaves unexplained in measurements, and which physical effect explains it.
 //!
-//! - [`Dataset`]: points, power or phase tables as residuals with groups and covariates.
+//! - [`Dataset`]: points, power or phase tables as residuals with groups and covariates; [`Pixels`]: those of frames.
 //! - [`compare`]: errors against the noise, and what they depend on.
 //! - [`diagnose`]: which effect is missing, and which ones this data cannot tell apart.
 //! - [`fit`]: effects estimated with the baseline; [`AddedEffect`]: catalogued, formulas in a file, or an [`OwnEffect`].
@@ -33,9 +33,12 @@ mod unexplained;
 pub use added::{AddedEffect, check_effects};
 pub use catalogue::{Effect, effects};
 pub use compare::{Comparison, Dependence, WorstGroup, compare};
-pub use data::{Baseline, Covariate, Dataset, Group, Source, TableKind};
+pub use data::{
+    Baseline, Covariate, Dataset, Group, MOST_PIXELS, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels,
+    Source, TableKind,
+};
 pub use decode::{Decoded, Reading, decode};
-pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, Verdict, diagnose};
+pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, Verdict, diagnose, diagnose_step};
 pub use estimate::Parameter;
 pub use figure::write_figure;
 pub use fit::{Fit, fit};

@@ -365,7 +365,7 @@ impl Weights {
             rows: 120,
             fitted: free / n as f64,
             median_of_normal: MEDIAN_LENGTH[n - 1],
-            least: 1e-9,
+            least: data.least_noise(),
         };
         self.sigma = groups.sigmas(&data.noise_key, &length, &self.outlier);
         for row in 0..length.len() {

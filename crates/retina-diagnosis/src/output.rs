@@ -308,6 +308,8 @@ pub fn write_predictions(path: &Path, data: &Dataset, fit: &Fit) -> Result<(), I
     let n = data.components();
     let mut text = String::from(if data.kind == TableKind::Points {
         "baseline_x_px,baseline_y_px,effect_x_px,effect_y_px,residual_x_px,residual_y_px,outlier\n"
+    } else if data.kind == TableKind::Frames {
+        "image,camera_x_px,camera_y_px,baseline,effect,residual,outlier\n"
     } else {
         "baseline,effect,residual,outlier\n"
     });
@@ -327,6 +329,9 @@ pub fn write_predictions(path: &Path, data: &Dataset, fit: &Fit) -> Result<(), I
         };
         let (effect, residual) = (in_table(&fit.effect), in_table(&fit.residual));
         let baseline: Vec<f64> = (0..n).map(|i| frame.measured[i] - effect[i] - residual[i]).collect();
+        if let Some(place) = data.pixels().map(|pixels| pixels.place[row]) {
+            let _ = write!(text, "{},{},{},", place[0] + 1.0, place[1], place[2]);
+        }
         for value in baseline.iter().chain(&effect).chain(&residual) {
             let _ = write!(text, "{value:.9e},");
         }

@@ -50,12 +50,53 @@ const VIRIDIS: [[u8; 3]; 9] = [
 
 /// Viridis at 0 to 1.
 pub fn heat_colour(value: f64) -> Colour {
-    let place = value.clamp(0.0, 1.0) * 8.0;
-    let i = (place as usize).min(7);
+    between(&VIRIDIS, value)
+}
+
+/// At 0 to 1 between nodes at equal steps.
+fn between(nodes: &[[u8; 3]], value: f64) -> Colour {
+    let place = value.clamp(0.0, 1.0) * (nodes.len() - 1) as f64;
+    let i = (place as usize).min(nodes.len() - 2);
     let t = place - i as f64;
-    let mix =
-        |k: usize| (f64::from(VIRIDIS[i][k]) * (1.0 - t) + f64::from(VIRIDIS[i + 1][k]) * t).round() as u8;
+    let mix = |k: usize| (f64::from(nodes[i][k]) * (1.0 - t) + f64::from(nodes[i + 1][k]) * t).round() as u8;
     Colour(mix(0), mix(1), mix(2))
+}
+
+/// Nodes of the diverging map PuOr reversed (C. Brewer, M. Harrower, ColorBrewer 2.0, Apache-2.0), which people with
+/// colour-vision deficiency can read: purple below, orange above.
+const DIVERGING: [[u8; 3]; 9] = [
+    [84, 39, 136],
+    [128, 115, 172],
+    [178, 171, 210],
+    [216, 218, 235],
+    [247, 247, 247],
+    [254, 224, 182],
+    [253, 184, 99],
+    [224, 130, 20],
+    [179, 88, 6],
+];
+
+/// What the values of a heat map are shown by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ColourMap {
+    /// Viridis.
+    #[default]
+    Sequential,
+    /// Purple, white, orange: for values on both sides of the middle of their range.
+    Diverging,
+    /// Black to white, as a photograph.
+    Grey,
+}
+
+impl ColourMap {
+    /// The colour of 0 to 1.
+    pub fn colour(self, value: f64) -> Colour {
+        match self {
+            Self::Sequential => heat_colour(value),
+            Self::Diverging => between(&DIVERGING, value),
+            Self::Grey => between(&[[0, 0, 0], [255, 255, 255]], value),
+        }
+    }
 }
 
 /// The place of a wavelength in the palette: violet to red as the eye names them, dark enough to print.

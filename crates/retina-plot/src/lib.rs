@@ -22,7 +22,7 @@ mod raster;
 mod svg;
 
 pub use axis::Axis;
-pub use colour::{Colour, PALETTE, heat_colour, wavelength_colour};
+pub use colour::{Colour, ColourMap, PALETTE, heat_colour, wavelength_colour};
 pub use figure::Figure;
 pub use panel::{Anchor, HeatMap, Panel, Style};
 pub use raster::{RasterError, png};

@@ -1,7 +1,7 @@
 //! A panel: two axes and what stands between them.
 
 use crate::axis::Axis;
-use crate::colour::{Colour, heat_colour};
+use crate::colour::{Colour, ColourMap};
 use crate::svg::Svg;
 
 /// Which end of a text stands at its place.
@@ -80,7 +80,7 @@ enum Item {
     Circle([f64; 2], f64, Style),
     Text([f64; 2], [f64; 2], String, f64, Colour, Anchor),
     Arrow([f64; 2], [f64; 2], Style),
-    Heat(HeatMap),
+    Heat(HeatMap, ColourMap),
 }
 
 /// Two axes and items in data coordinates.
@@ -188,7 +188,12 @@ impl Panel {
 
     /// A heat map, with its colour bar at the right.
     pub fn heat(&mut self, map: HeatMap) {
-        self.items.push(Item::Heat(map));
+        self.heat_in(map, ColourMap::Sequential);
+    }
+
+    /// A heat map in colours of one's choice.
+    pub fn heat_in(&mut self, map: HeatMap, colours: ColourMap) {
+        self.items.push(Item::Heat(map, colours));
     }
 
     fn extent(&self, axis: usize) -> impl Iterator<Item = f64> + '_ {
@@ -200,7 +205,7 @@ impl Panel {
                 Item::Circle(centre, radius, _) => vec![centre[axis] - radius, centre[axis] + radius],
                 Item::Text(at, ..) => vec![at[axis]],
                 Item::Arrow(from, to, _) => vec![from[axis], to[axis]],
-                Item::Heat(map) => {
+                Item::Heat(map, _) => {
                     let count = if axis == 0 { map.columns } else { map.values.len() / map.columns.max(1) };
                     let first = map.origin[axis] - map.pitch[axis] / 2.0;
                     vec![first, first + count as f64 * map.pitch[axis]]
@@ -209,9 +214,9 @@ impl Panel {
         })
     }
 
-    fn bar(&self) -> Option<&HeatMap> {
+    fn bar(&self) -> Option<(&HeatMap, ColourMap)> {
         self.items.iter().find_map(|item| match item {
-            Item::Heat(map) if !map.label.is_empty() => Some(map),
+            Item::Heat(map, colours) if !map.label.is_empty() => Some((map, *colours)),
             _ => None,
         })
     }
@@ -263,8 +268,8 @@ impl Panel {
             draw_item(svg, &to_px, item);
         }
         self.draw_legend(svg, area);
-        if let Some(map) = self.bar() {
-            draw_bar(svg, area, map);
+        if let Some((map, colours)) = self.bar() {
+            draw_bar(svg, area, map, colours);
         }
     }
 
@@ -415,12 +420,12 @@ fn draw_item(svg: &mut Svg, map: &Map<'_>, item: &Item) {
                 }
             }
         }
-        Item::Heat(heat) => draw_heat(svg, map, heat),
+        Item::Heat(heat, colours) => draw_heat(svg, map, heat, *colours),
     }
 }
 
 /// Cells of one colour in a row become one rectangle; 64 colours.
-fn draw_heat(svg: &mut Svg, map: &Map<'_>, heat: &HeatMap) {
+fn draw_heat(svg: &mut Svg, map: &Map<'_>, heat: &HeatMap, colours: ColourMap) {
     let level = |value: f64| {
         let t = (value - heat.range[0]) / (heat.range[1] - heat.range[0]);
         value.is_finite().then(|| (t.clamp(0.0, 1.0) * 63.0).round() as u32)
@@ -440,7 +445,7 @@ fn draw_heat(svg: &mut Svg, map: &Map<'_>, heat: &HeatMap) {
                     a[1],
                     b[0] - a[0] + 0.3,
                     b[1] - a[1] + 0.3,
-                    heat_colour(f64::from(level) / 63.0),
+                    colours.colour(f64::from(level) / 63.0),
                 );
             }
             start = end;
@@ -448,12 +453,12 @@ fn draw_heat(svg: &mut Svg, map: &Map<'_>, heat: &HeatMap) {
     }
 }
 
-fn draw_bar(svg: &mut Svg, area: [f64; 4], map: &HeatMap) {
+fn draw_bar(svg: &mut Svg, area: [f64; 4], map: &HeatMap, colours: ColourMap) {
     let (x, width) = (area[0] + area[2] + 10.0, 10.0);
     for i in 0..64 {
         let t = f64::from(i) / 63.0;
         let y = area[1] + area[3] * (1.0 - f64::from(i + 1) / 64.0);
-        svg.rect(x, y, width, area[3] / 64.0 + 0.3, heat_colour(t));
+        svg.rect(x, y, width, area[3] / 64.0 + 0.3, colours.colour(t));
     }
     let axis = Axis::linear("");
     for (place, label) in axis.ticks(map.range, 5.0) {

@@ -8,6 +8,7 @@
 //! - [`catalogue`]: stars, and those in a cone as a camera sees them.
 //! - [`planets`]: planets and the Moon as a camera sees them; [`magnitude`]: how bright they are.
 //! - [`deep_space`]: random poses among the planets.
+//! - [`site`]: places on the Earth, and cameras there.
 //! - [`halo`]: a LUMIO-like quasi-halo about the Earth-Moon L2 point.
 //!
 //! Lengths are metres, times TDB seconds since J2000, angles radians; inertial axes are ICRF.
@@ -23,6 +24,7 @@ pub mod observer;
 mod ode;
 pub mod orientation;
 pub mod planets;
+pub mod site;
 pub mod time;
 pub mod trajectory;
 

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use retina_diagnosis::{compare, compare_json, compare_page, compare_text};
+use retina_report::Page;
 
-use super::workbench::Input;
+use super::workbench::{Input, Material};
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
 
@@ -29,17 +30,18 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let outputs = [(&arguments.svg, "svg"), (&arguments.report, "html")];
     arguments.input.check_outputs(&arguments.effects, &outputs)?;
-    let (_, data) = arguments.input.read()?;
-    let added = super::workbench::added(&arguments.effects, &data)?;
-    let result = compare(&data, &added);
+    let (material, added) = Material::read(&arguments.input, &arguments.effects)?;
+    let data = material.data();
+    let result = compare(data, &added);
     if let Some(path) = &arguments.svg {
-        retina_diagnosis::write_figure(path, &data, &added)?;
+        retina_diagnosis::write_figure(path, data, &added)?;
     }
     if let Some(path) = &arguments.report {
-        compare_page(&data, &added, &result).write(path)?;
+        let page = compare_page(data, &added, &result);
+        material.pictures().into_iter().fold(page, Page::section).write(path)?;
     }
     match arguments.json {
-        true => print_json(&compare_json(&data, &result)),
-        false => print_lines(&compare_text(&data, &result)),
+        true => print_json(&compare_json(data, &result)),
+        false => print_lines(&compare_text(data, &result)),
     }
 }

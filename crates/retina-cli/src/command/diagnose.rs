@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 
 use retina_diagnosis::{
-    DiagnoseOptions, diagnose, diagnose_json, diagnose_page, diagnose_text, unexplained_shapes,
+    DiagnoseOptions, Diagnosis, diagnose, diagnose_json, diagnose_page, diagnose_text, unexplained_shapes,
 };
 
-use super::workbench::Input;
+use retina_frames::diagnose_frames;
+
+use super::workbench::{Input, Material, pictures};
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
 
@@ -33,16 +35,28 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.input.check_outputs(&arguments.effects, &[(&arguments.report, "html")])?;
-    let (_, data) = arguments.input.read()?;
-    let added = super::workbench::added(&arguments.effects, &data)?;
     let options = DiagnoseOptions { flips: arguments.flips as usize, seed: arguments.seed };
-    let result = diagnose(&data, &added, &options);
+    if let Some(mut set) = arguments.input.frames()? {
+        let (data, added, result) = diagnose_frames(&mut set, &arguments.effects, &options)?;
+        if let Some(path) = &arguments.report {
+            let left = Diagnosis { accepted: Vec::new(), ..result.clone() };
+            let shapes = unexplained_shapes(&data, &added, &left)?;
+            diagnose_page(&data, &added, &result, &shapes).section(pictures(&set)).write(path)?;
+        }
+        return match arguments.json {
+            true => print_json(&diagnose_json(&data, &result)),
+            false => print_lines(&diagnose_text(&data, &result)),
+        };
+    }
+    let (material, added) = Material::read(&arguments.input, &arguments.effects)?;
+    let data = material.data();
+    let result = diagnose(data, &added, &options);
     if let Some(path) = &arguments.report {
-        let shapes = unexplained_shapes(&data, &added, &result)?;
-        diagnose_page(&data, &added, &result, &shapes).write(path)?;
+        let shapes = unexplained_shapes(data, &added, &result)?;
+        diagnose_page(data, &added, &result, &shapes).write(path)?;
     }
     match arguments.json {
-        true => print_json(&diagnose_json(&data, &result)),
-        false => print_lines(&diagnose_text(&data, &result)),
+        true => print_json(&diagnose_json(data, &result)),
+        false => print_lines(&diagnose_text(data, &result)),
     }
 }

@@ -28,6 +28,7 @@ enum Table {
     Points,
     Power,
     Phase,
+    Frames,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -35,6 +36,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Table::Points => TableKind::Points,
         Table::Power => TableKind::Power,
         Table::Phase => TableKind::Phase,
+        Table::Frames => TableKind::Frames,
     });
     let mut list = effects(kind);
     if let Some(id) = &arguments.effect {

@@ -6,8 +6,9 @@ use retina_calibration::geometry::PointsTable;
 use retina_diagnosis::{TableKind, fit, fit_json, fit_page, fit_text, write_model, write_predictions};
 
 use retina_files::InputError;
+use retina_report::Page;
 
-use super::workbench::Input;
+use super::workbench::{Input, Material};
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines, tell};
 
@@ -35,30 +36,32 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let outputs = [(&arguments.out, "toml"), (&arguments.predictions, "csv"), (&arguments.report, "html")];
     arguments.input.check_outputs(&arguments.effects, &outputs)?;
-    let (setup, data) = arguments.input.read()?;
+    let (material, added) = Material::read(&arguments.input, &arguments.effects)?;
+    let data = material.data();
     if data.kind != TableKind::Points && arguments.out.is_some() {
         return Err(InputError::new(
             "--out",
             "writes the calibration of a geometry: it is for tables of points",
         )
+        .found(format!("a table of {}", data.kind.name()))
         .help("leave it out; --json and --predictions hold what was fitted")
         .into());
     }
-    let added = super::workbench::added(&arguments.effects, &data)?;
-    let result = fit(&data, &added)?;
-    if let Some(path) = &arguments.out {
+    let result = fit(data, &added)?;
+    if let (Some(path), Material::Table(setup, _)) = (&arguments.out, &material) {
         let table = PointsTable::read(&data.files)?;
-        let rms_arcsec = write_model(path, &data, &result, &added, &setup, &table)?;
+        let rms_arcsec = write_model(path, data, &result, &added, setup, &table)?;
         tell!("the model's polynomials are {rms_arcsec:.2e} arcsec rms from its predictions");
     }
     if let Some(path) = &arguments.predictions {
-        write_predictions(path, &data, &result)?;
+        write_predictions(path, data, &result)?;
     }
     if let Some(path) = &arguments.report {
-        fit_page(&data, &added, &result).write(path)?;
+        let page = fit_page(data, &added, &result);
+        material.pictures().into_iter().fold(page, Page::section).write(path)?;
     }
     match arguments.json {
-        true => print_json(&fit_json(&data, &result)),
-        false => print_lines(&fit_text(&data, &result)),
+        true => print_json(&fit_json(data, &result)),
+        false => print_lines(&fit_text(data, &result)),
     }
 }

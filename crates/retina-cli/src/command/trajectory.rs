@@ -3,8 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, write_atomic};
+use retina_sky::Trajectory;
 use retina_sky::deep_space::DeepSpace;
 use retina_sky::halo::LumioHalo;
+use retina_sky::planets::Planet;
+use retina_sky::site::Site;
 use retina_sky::time::{format_epoch_tdb, parse_epoch};
 use serde_json::json;
 
@@ -35,6 +38,18 @@ pub(crate) struct Arguments {
     /// Seed of the deep-space poses.
     #[arg(long)]
     seed: Option<u64>,
+    /// Latitude of the site, deg, north positive (WGS 84).
+    #[arg(long, allow_negative_numbers = true)]
+    latitude_deg: Option<f64>,
+    /// East longitude of the site, deg.
+    #[arg(long, allow_negative_numbers = true)]
+    longitude_deg: Option<f64>,
+    /// Height of the site above the ellipsoid, m.
+    #[arg(long, allow_negative_numbers = true)]
+    altitude_m: Option<f64>,
+    /// What the camera at the site looks at: `moon`, or a planet.
+    #[arg(long)]
+    target: Option<String>,
     /// The table to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -50,6 +65,8 @@ enum Kind {
     LumioHalo,
     /// Random poses between 0.7 and 5.2 au, a planet in the wide configuration's field.
     DeepSpace,
+    /// A camera on the Earth that looks at the Moon or a planet, celestial north up; for scenes with stars.
+    Site,
 }
 
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
@@ -60,8 +77,19 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
             let epoch = arguments.epoch.as_ref().map(|_| "--epoch");
             (DeepSpace::default().frames, epoch.or(arguments.jacobi.map(|_| "--jacobi")))
         }
+        Kind::Site => {
+            let seed = arguments.seed.map(|_| "--seed");
+            (1, seed.or(arguments.jacobi.map(|_| "--jacobi")).or(arguments.centred.then_some("--centred")))
+        }
     };
-    if let Some(option) = foreign {
+    let of_site = [
+        ("--latitude-deg", arguments.latitude_deg.is_some()),
+        ("--longitude-deg", arguments.longitude_deg.is_some()),
+        ("--altitude-m", arguments.altitude_m.is_some()),
+        ("--target", arguments.target.is_some()),
+    ];
+    let elsewhere = of_site.iter().find(|(_, given)| *given && !matches!(arguments.kind, Kind::Site));
+    if let Some(option) = foreign.or(elsewhere.map(|(option, _)| *option)) {
         return Err(InputError::new(option, "has no meaning for this kind of trajectory")
             .help("leave the option out, or give another --kind")
             .into());
@@ -76,6 +104,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     match arguments.kind {
         Kind::LumioHalo => lumio_halo(&arguments, frames),
         Kind::DeepSpace => deep_space(&arguments, frames),
+        Kind::Site => site(&arguments, frames),
     }
 }
 
@@ -105,6 +134,55 @@ fn deep_space(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
             "seed": wanted.seed,
             "planets": counts.into_iter().map(|(name, count)| (name.to_string(), json!(count)))
                 .collect::<serde_json::Map<_, _>>(),
+        }))?;
+    }
+    Ok(())
+}
+
+fn site(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
+    let missing = |option: &str, expected: &str| {
+        InputError::new(option, "is needed for a camera on the Earth").expected(expected)
+    };
+    let within = |option: &str, value: Option<f64>, most: f64, expected: &str| match value {
+        Some(value) if value.abs() <= most => Ok(value),
+        Some(value) => Err(InputError::new(option, "does not fit").found(value).expected(expected)),
+        None => Err(missing(option, expected)),
+    };
+    let site = Site {
+        latitude_rad: within("--latitude-deg", arguments.latitude_deg, 90.0, "-90 to 90 deg")?.to_radians(),
+        longitude_rad: within("--longitude-deg", arguments.longitude_deg, 360.0, "-360 to 360 deg")?
+            .to_radians(),
+        altitude_m: within("--altitude-m", arguments.altitude_m.or(Some(0.0)), 1e5, "metres, up to 100 km")?,
+    };
+    let name = arguments.target.as_deref().unwrap_or("moon");
+    let Some(target) = Planet::from_name(name) else {
+        let names: Vec<&str> = Planet::ALL.iter().map(|planet| planet.name()).collect();
+        return Err(InputError::new("--target", "is no body whose ephemeris is known")
+            .found(format!("`{name}`"))
+            .expected(names.join(", "))
+            .into());
+    };
+    let Some(epoch) = &arguments.epoch else {
+        return Err(missing("--epoch", "a time such as 2023-12-22T19:21:25 UTC").into());
+    };
+    let epoch_s = parse_epoch(epoch)
+        .map_err(|error| InputError::new("--epoch", error.to_string()).found(format!("`{epoch}`")))?;
+    let poses = (0..frames)
+        .map(|frame| site.looking_at(target, epoch_s + frame as f64 * arguments.step_s))
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(|error| InputError::new("--target", error.to_string()))?;
+    let trajectory = Trajectory::new(Path::new("site"), poses);
+    let head = format!("# retina.trajectory/1: {name} from a site, barycentric");
+    write(&arguments.out, &format!("{head}\n{}", trajectory.to_csv()))?;
+    tell!("{frames} frames from {}", format_epoch_tdb(epoch_s));
+    if arguments.json {
+        print_json(&json!({
+            "schema": "retina.trajectory-summary/1",
+            "out": arguments.out,
+            "frames": frames,
+            "epoch_tdb_s": epoch_s,
+            "step_s": arguments.step_s,
+            "target": name,
         }))?;
     }
     Ok(())

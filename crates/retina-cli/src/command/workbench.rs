@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use retina_diagnosis::{AddedEffect, Baseline, Dataset, Source};
 use retina_files::InputError;
+use retina_frames::{FrameSet, FramesSource, is_frames_table};
 use retina_geometry::{Calibration, Setup};
+use retina_report::Section;
 use retina_response::RadiometricCalibration;
 
 use crate::failure::Failure;
@@ -14,14 +16,15 @@ pub(crate) struct Input {
     /// The facility, schema retina.setup/1.
     #[arg(long)]
     setup: PathBuf,
-    /// A table of points, power or phase; may be given more than once.
+    /// A table of points, power, phase or frames; may be given more than once.
     #[arg(long, required = true, value_name = "TABLE")]
     data: Vec<PathBuf>,
     /// A calibration that is held fixed: for points its distortion, but for shift, rotation and scale; for power its
     /// response, but for one gain.
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// What is fitted without a calibration: `physical`, or `polynomial:N` with N from 1 to 7.
+    /// What is fitted always. Points: `physical`, or `polynomial:N` with N from 1 to 7. Frames: `physical` (gain, offset,
+    /// shift, roll, scale), or `gain` alone.
     #[arg(long, default_value = "physical")]
     baseline: String,
 }
@@ -65,6 +68,30 @@ impl Input {
             .found(format!("{}, which is none", path.display()))
             .help(format!("leave out {flag}: other tables have one baseline"))
             .into())
+    }
+
+    /// The frames, where the first table is one of frames.
+    pub(crate) fn frames(&self) -> Result<Option<FrameSet>, Failure> {
+        match self.data.first() {
+            Some(path) if is_frames_table(path)? => {}
+            _ => return Ok(None),
+        }
+        let register = match self.baseline.as_str() {
+            "physical" => true,
+            "gain" => false,
+            other => {
+                return Err(InputError::new("--baseline", "is no baseline of frames")
+                    .found(format!("`{other}`"))
+                    .expected("`physical` (gain, offset, shift, roll, scale) or `gain`")
+                    .into());
+            }
+        };
+        let setup = Setup::read(&self.setup)?;
+        let calibration =
+            self.calibration.as_ref().map(|path| Calibration::read(path, &setup)).transpose()?;
+        let source =
+            FramesSource { files: &self.data, setup: &setup, calibration: calibration.as_ref(), register };
+        Ok(Some(FrameSet::read(&source)?))
     }
 
     /// Setup and data.
@@ -113,8 +140,62 @@ fn response_of(path: &Path, setup: &Setup) -> Result<RadiometricCalibration, Inp
     })
 }
 
+/// What a command works on: pixels with their frames, or a table.
+pub(crate) enum Material {
+    Frames(Box<FrameSet>, Dataset),
+    Table(Box<Setup>, Dataset),
+}
+
+impl Material {
+    /// Reads the tables with the effects of `--effect`.
+    pub(crate) fn read(input: &Input, effects: &[String]) -> Result<(Self, Vec<AddedEffect>), Failure> {
+        if let Some(mut set) = input.frames()? {
+            no_repeats(effects)?;
+            let (data, added) = set.with_effects(effects)?;
+            retina_diagnosis::check_effects(&data, &added)?;
+            return Ok((Self::Frames(Box::new(set), data), added));
+        }
+        let (setup, data) = input.read()?;
+        let added = added(effects, &data)?;
+        Ok((Self::Table(Box::new(setup), data), added))
+    }
+
+    pub(crate) fn data(&self) -> &Dataset {
+        match self {
+            Self::Frames(_, data) | Self::Table(_, data) => data,
+        }
+    }
+
+    /// A section of pictures, of frames.
+    pub(crate) fn pictures(&self) -> Option<Section> {
+        match self {
+            Self::Frames(set, _) => Some(pictures(set)),
+            Self::Table(..) => None,
+        }
+    }
+}
+
+/// Predicted and measured images with what is left.
+pub(crate) fn pictures(set: &FrameSet) -> Section {
+    Section::new("Images").figure(
+        &set.pictures(),
+        "A row a state, from the baseline on. Errors: purple where the image is darker than predicted, orange where it is brighter; white pixels do not count. Errors of all states have one scale.",
+    )
+}
+
+/// An effect is named once.
+fn no_repeats(effects: &[String]) -> Result<(), Failure> {
+    let repeated = effects.iter().enumerate().find(|(k, name)| effects[..*k].contains(name));
+    match repeated {
+        Some((_, name)) => {
+            Err(InputError::new("--effect", "is given twice").found(format!("`{name}`")).into())
+        }
+        None => Ok(()),
+    }
+}
+
 /// The effects of `--effect`.
-pub(crate) fn added(effects: &[String], data: &Dataset) -> Result<Vec<AddedEffect>, Failure> {
+fn added(effects: &[String], data: &Dataset) -> Result<Vec<AddedEffect>, Failure> {
     let mut out: Vec<AddedEffect> = Vec::new();
     for text in effects {
         let effect = AddedEffect::read(text, data)?;

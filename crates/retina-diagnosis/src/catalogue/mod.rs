@@ -17,6 +17,7 @@ macro_rules! effect {
     };
 }
 
+mod frames;
 mod phase;
 mod point_forms;
 mod points;
@@ -57,7 +58,7 @@ pub struct Effect {
 
 /// All effects, or those of one table.
 pub fn effects(kind: Option<TableKind>) -> Vec<&'static Effect> {
-    [points::EFFECTS, power::EFFECTS, phase::EFFECTS]
+    [points::EFFECTS, power::EFFECTS, phase::EFFECTS, frames::EFFECTS]
         .into_iter()
         .flatten()
         .filter(|effect| kind.is_none_or(|kind| effect.kind == kind))

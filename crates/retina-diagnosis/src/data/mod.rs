@@ -1,5 +1,6 @@
 //! Any of the tables as one kind of data: residuals of one or two components, groups, covariates.
 
+mod frames;
 mod large;
 mod phase;
 mod points;
@@ -8,8 +9,10 @@ mod read;
 
 use std::ops::Range;
 use std::path::PathBuf;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
+pub(crate) use frames::term as pixel_term;
+pub use frames::{MOST_PIXELS, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels};
 pub(crate) use phase::lambert_magnitude;
 pub(crate) use points::ARCSEC_PER_RAD;
 pub use read::{Baseline, Source};
@@ -25,12 +28,14 @@ pub enum TableKind {
     Power,
     /// `phase.csv`: magnitudes.
     Phase,
+    /// `frames.csv`: digital numbers of pixels.
+    Frames,
 }
 
 impl TableKind {
     /// Its name in JSON.
     pub fn name(self) -> &'static str {
-        ["points", "power", "phase"][self as usize]
+        ["points", "power", "phase", "frames"][self as usize]
     }
 
     /// Components of a row.
@@ -40,7 +45,7 @@ impl TableKind {
 
     /// Unit of its residuals.
     pub fn unit(self) -> &'static str {
-        ["arcsec", "relative", "mag"][self as usize]
+        ["arcsec", "relative", "mag", "DN"][self as usize]
     }
 }
 
@@ -140,6 +145,8 @@ pub struct Dataset {
     pub(crate) held: Option<Held>,
     /// Its error's columns, made when they are first asked for.
     pub(crate) field: OnceLock<Field>,
+    /// The pixels, of a table of frames.
+    pub(crate) pixels: Option<Arc<Pixels>>,
     /// The files.
     pub files: Vec<PathBuf>,
     /// What the user ought to know of how it was read.
@@ -164,7 +171,8 @@ impl Dataset {
     /// Every n-th group, so that about `most` rows are left; `None` where there are no more than that.
     pub(crate) fn thinned(&self, most: usize) -> Option<Self> {
         let stride = self.len().div_ceil(most);
-        if stride < 2 || self.groups.len() < 2 * stride {
+        // Pixels are few enough from the start, and their columns are made.
+        if stride < 2 || self.groups.len() < 2 * stride || self.pixels.is_some() {
             return None;
         }
         let n = self.kind.components();
@@ -201,6 +209,7 @@ impl Dataset {
             notes,
             held: self.held.as_ref().map(|held| held.of_rows(&rows)),
             field: OnceLock::new(),
+            pixels: None,
             ..*self
         })
     }
@@ -270,6 +279,7 @@ impl Dataset {
             TableKind::Points => points::baseline(self),
             TableKind::Power => power::baseline(self),
             TableKind::Phase => vec![Term::new("magnitude", |_| [1.0, 0.0])],
+            TableKind::Frames => frames::baseline(self),
         }
     }
 }

@@ -183,6 +183,7 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         baseline,
         held: held.map(Held::Geometry),
         field: OnceLock::new(),
+        pixels: None,
         files: source.files.to_vec(),
         notes,
     })

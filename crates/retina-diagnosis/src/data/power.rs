@@ -143,6 +143,7 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         baseline: Baseline::Physical,
         held,
         field: OnceLock::new(),
+        pixels: None,
         files: source.files.to_vec(),
         notes,
     })

@@ -135,8 +135,12 @@ impl Kind {
         } else if table.has("phase_deg") {
             Ok(Self::Phase)
         } else if table.has("measured") {
-            Err(InputError::new(table.file(), "is a table of frames, which these commands do not take yet")
-                .expected("points, power or phase"))
+            Err(InputError::new(
+                table.file(),
+                "is a table of frames, whose images have to be predicted first",
+            )
+            .expected("points, power or phase")
+            .help("give tables of frames by themselves"))
         } else {
             Err(InputError::new(table.file(), "has the columns of no table that is known")
                 .found(format!("columns {}", table.columns().join(", ")))

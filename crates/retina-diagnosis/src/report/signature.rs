@@ -101,26 +101,27 @@ fn phase_text() -> String {
     text
 }
 
-fn campaign(kind: TableKind) -> Result<Dataset, InputError> {
+fn campaign(kind: TableKind) -> Result<Option<Dataset>, InputError> {
     let path = Path::new("signature");
     let setup: Setup = parse_toml(path, SETUP)?;
     let text = match kind {
         TableKind::Points => points_text(&setup),
         TableKind::Power => power_text(),
         TableKind::Phase => phase_text(),
+        TableKind::Frames => return Ok(None),
     };
     let baseline = Baseline::Physical;
     let source = Source { files: &[], setup: &setup, calibration: None, response: None, baseline };
-    Dataset::of_tables(&source, &[Table::parse(path, &text)?])
+    Dataset::of_tables(&source, &[Table::parse(path, &text)?]).map(Some)
 }
 
 /// An effect's leading form, drawn: for points over the field where it is strongest, and against the columns it names;
-/// its largest value is 1.
+/// its largest value is 1. `None` for effects on images, which look as the scene does: the pages of a comparison show them.
 ///
 /// # Errors
 /// The campaign that it is drawn on cannot show it.
-pub fn signature_svg(effect: &Effect) -> Result<String, InputError> {
-    let data = campaign(effect.kind)?;
+pub fn signature_svg(effect: &Effect) -> Result<Option<String>, InputError> {
+    let Some(data) = campaign(effect.kind)? else { return Ok(None) };
     let variants = (effect.build)(&data)
         .map_err(|reason| InputError::new("EFFECT", format!("`{}` cannot be drawn: {reason}", effect.id)))?;
     // Of a list of shapes the middle one.
@@ -154,7 +155,7 @@ pub fn signature_svg(effect: &Effect) -> Result<String, InputError> {
     for (k, panel) in panels.into_iter().enumerate() {
         figure.put(0, k, panel);
     }
-    Ok(figure.to_svg())
+    Ok(Some(figure.to_svg()))
 }
 
 /// Vectors of the exposure in which the effect is strongest.
@@ -202,11 +203,12 @@ fn axes_of(effect: &Effect) -> Vec<&str> {
 pub fn effects_page(effects: &[&'static Effect]) -> Result<Page, InputError> {
     let mut page = Page::new("effects", "Catalogue of effects");
     for &effect in effects {
-        let svg = signature_svg(effect)?;
-        let caption = "On a campaign laid out for it: the leading form, its largest value 1.";
-        page = page.section(
-            Section::new(effect.id).figure(&svg, caption).lines(&crate::output::effects_text(&[effect])[1..]),
-        );
+        let mut section = Section::new(effect.id);
+        if let Some(svg) = signature_svg(effect)? {
+            section =
+                section.figure(&svg, "On a campaign laid out for it: the leading form, its largest value 1.");
+        }
+        page = page.section(section.lines(&crate::output::effects_text(&[effect])[1..]));
     }
     Ok(page)
 }
@@ -214,13 +216,15 @@ pub fn effects_page(effects: &[&'static Effect]) -> Result<Page, InputError> {
 #[cfg(test)]
 mod tests {
     use crate::catalogue::effects;
+    use crate::data::TableKind;
 
     /// Every effect has a picture of its own: none is empty, and no two are the same but for the pairs that are identical
     /// by the table of effects.
     #[test]
     fn signatures_differ() {
-        let all = effects(None);
-        let drawn: Vec<String> = all.iter().map(|e| super::signature_svg(e).unwrap_or_default()).collect();
+        let all: Vec<_> = effects(None).into_iter().filter(|e| e.kind != TableKind::Frames).collect();
+        let drawn: Vec<String> =
+            all.iter().map(|e| super::signature_svg(e).ok().flatten().unwrap_or_default()).collect();
         for (i, svg) in drawn.iter().enumerate() {
             assert!(svg.len() > 2000, "{}: {} bytes", all[i].id, svg.len());
             for j in 0..i {

@@ -1,0 +1,93 @@
+//! Effects found one by one; the prediction is made anew with each, so that what two do together is in it.
+
+use retina_diagnosis::{
+    AddedEffect, Candidate, Dataset, DiagnoseOptions, Diagnosis, Verdict, diagnose_step, fit,
+};
+use retina_files::InputError;
+
+use crate::FrameSet;
+
+/// Most effects that are accepted.
+const MOST_ACCEPTED: usize = 7;
+/// Part of the error of tiles left out by which an effect has to lower it.
+const LEAST_GAIN: f64 = 0.002;
+
+/// Diagnoses frames: `effects` (ids and files) belong to the model already. The set keeps what was accepted; the data
+/// are the pixels under it.
+///
+/// # Errors
+/// An effect that these frames cannot show, a file that does not fit.
+pub fn diagnose_frames(
+    set: &mut FrameSet,
+    effects: &[String],
+    options: &DiagnoseOptions,
+) -> Result<(Dataset, Vec<AddedEffect>, Diagnosis), InputError> {
+    let (mut data, mut added) = set.with_effects(effects)?;
+    let given = added.len();
+    let mut found = diagnose_step(&data, &added, options, None);
+    let mut out =
+        Diagnosis { accepted: Vec::new(), indistinguishable: Vec::new(), next: None, ..found.clone() };
+    let mut decided: Vec<Candidate> = Vec::new();
+    let mut several = false;
+    let mut ladder: Vec<(Vec<String>, f64)> = Vec::new();
+    while let (Some(&id), true) = (found.accepted.first(), out.accepted.len() < MOST_ACCEPTED) {
+        set.add(id)?;
+        let next = set.dataset(true)?;
+        let mut with = added.clone();
+        with.push(AddedEffect::read(id, &next)?);
+        let steps = match fit(&next, &with) {
+            Ok(fitted) => fitted.steps,
+            Err(refused) => {
+                out.notes
+                    .push(format!("{id} is significant and cannot be fitted beside the others: {refused}"));
+                set.undo();
+                break;
+            }
+        };
+        let (before, after) = (steps[steps.len() - 2].1, steps[steps.len() - 1].1);
+        if after > (1.0 - LEAST_GAIN) * before {
+            out.notes.push(format!(
+                "{id} is significant and was taken out again: with it the error of tiles left out is {after:.4} instead of {before:.4}"
+            ));
+            set.undo();
+            break;
+        }
+        (data, added, ladder) = (next, with, steps);
+        out.accepted.push(id);
+        several |= found.indistinguishable.len() > 1;
+        for rival in &found.indistinguishable {
+            if !out.indistinguishable.contains(rival) {
+                out.indistinguishable.push(rival);
+            }
+        }
+        if found.next.is_some() && out.next.is_none() {
+            out.next = found.next.clone();
+        }
+        decided.extend(found.candidates.iter().find(|candidate| candidate.effect == id).cloned());
+        let floor = found.noise_floor.max(f64::MIN_POSITIVE);
+        let strength = (ladder[given].1.powi(2) - after.powi(2)).max(0.0).sqrt() / floor;
+        found = diagnose_step(&data, &added, options, Some(strength));
+    }
+    let later = found.candidates.into_iter().filter(|c| !out.accepted.contains(&c.effect));
+    out.candidates = decided.into_iter().chain(later).collect();
+    out.outliers = found.outliers;
+    out.noise_floor = found.noise_floor;
+    out.unexplained = found.unexplained;
+    out.not_testable = found.not_testable;
+    // Structure that is left after a refusal is structure all the same.
+    let structure = !out.unexplained.covariates.is_empty();
+    out.verdict = match (structure, out.accepted.is_empty(), several) {
+        (true, ..) => Verdict::Unknown,
+        (false, true, _) => Verdict::Adequate,
+        (false, false, true) => Verdict::Confounded,
+        (false, false, false) => Verdict::Named,
+    };
+    if !ladder.is_empty() {
+        out.steps =
+            (given..ladder.len()).map(|k| (out.accepted[..k - given].to_vec(), ladder[k].1)).collect();
+        out.baseline_heldout_rms = out.steps[0].1;
+    } else if let Some(first) = out.steps.first().cloned() {
+        out.steps = vec![first];
+    }
+    Ok((data, added, out))
+}

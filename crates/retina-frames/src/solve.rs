@@ -1,0 +1,268 @@
+//! The prediction's parameters fitted to the pixels.
+
+use faer::linalg::solvers::Solve as _;
+use faer::{Mat, Side};
+use rayon::prelude::*;
+use retina_calibration::NoiseGroups;
+
+use crate::grid::Grid;
+use crate::model::{Sight, State};
+use crate::pixels::PixelRows;
+
+/// A number of a state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Parameter {
+    /// Relative.
+    Gain(usize),
+    Offset,
+    ShiftX(usize),
+    ShiftY(usize),
+    Roll,
+    Scale,
+    /// Of a part.
+    Part(usize, usize),
+}
+
+impl Parameter {
+    /// The baseline's parameters: gains alone, or with registration and offset.
+    pub(crate) fn baseline(frames: usize, registered: bool) -> Vec<Self> {
+        let mut out: Vec<Self> = (0..frames).map(Self::Gain).collect();
+        if registered {
+            out.push(Self::Offset);
+            out.extend((0..frames).flat_map(|frame| [Self::ShiftX(frame), Self::ShiftY(frame)]));
+            out.extend([Self::Roll, Self::Scale]);
+        }
+        out
+    }
+
+    /// Those of the parts.
+    pub(crate) fn of_parts(state: &State) -> Vec<Self> {
+        let parts = state.parts.iter().enumerate();
+        parts.flat_map(|(i, part)| (0..part.values.len()).map(move |k| Self::Part(i, k))).collect()
+    }
+
+    /// Its name, with the unit.
+    pub(crate) fn name(self, frames: usize) -> String {
+        let of = |frame: usize, name: &str| {
+            if frames == 1 { name.to_owned() } else { format!("{name}_of_image_{}", frame + 1) }
+        };
+        match self {
+            Self::Gain(frame) => of(frame, "gain_relative"),
+            Self::Offset => "offset_dn".to_owned(),
+            Self::ShiftX(frame) => of(frame, "shift_x_px"),
+            Self::ShiftY(frame) => of(frame, "shift_y_px"),
+            Self::Roll => "roll_rad".to_owned(),
+            Self::Scale => "scale_relative".to_owned(),
+            Self::Part(..) => String::new(),
+        }
+    }
+
+    /// The one frame that it changes.
+    pub(crate) fn frame(self) -> Option<usize> {
+        match self {
+            Self::Gain(frame) | Self::ShiftX(frame) | Self::ShiftY(frame) => Some(frame),
+            _ => None,
+        }
+    }
+
+    /// The value that its tangent's coefficient is added to.
+    pub(crate) fn value(self, state: &State) -> f64 {
+        match self {
+            Self::Gain(_) => 0.0,
+            Self::Offset => state.offset_dn,
+            Self::ShiftX(frame) => state.shift_px[frame].x,
+            Self::ShiftY(frame) => state.shift_px[frame].y,
+            Self::Roll => state.roll_rad,
+            Self::Scale => state.scale,
+            Self::Part(part, k) => state.parts[part].values[k],
+        }
+    }
+
+    /// The state with it changed.
+    pub(crate) fn moved(self, state: &State, by: f64) -> State {
+        let mut out = state.clone();
+        match self {
+            Self::Gain(frame) => out.gain[frame] *= 1.0 + by,
+            Self::Offset => out.offset_dn += by,
+            Self::ShiftX(frame) => out.shift_px[frame].x += by,
+            Self::ShiftY(frame) => out.shift_px[frame].y += by,
+            Self::Roll => out.roll_rad += by,
+            Self::Scale => out.scale += by,
+            Self::Part(part, k) => {
+                let [low, high] = out.parts[part].form.change.range();
+                let value = &mut out.parts[part].values[k];
+                *value = (*value + by).clamp(low, high);
+            }
+        }
+        out
+    }
+
+    /// A step over which a tangent is taken.
+    fn step(self, state: &State) -> f64 {
+        match self {
+            Self::Gain(_) => 1e-3,
+            Self::Offset => 1.0,
+            Self::ShiftX(_) | Self::ShiftY(_) => 0.05,
+            Self::Roll | Self::Scale => 5e-4,
+            Self::Part(part, k) => {
+                let part = &state.parts[part];
+                (0.1 * part.values[k].abs()).max(0.05 * part.form.change.probe())
+            }
+        }
+    }
+}
+
+/// Light of all frames before the detector.
+pub(crate) fn lights(sights: &[Sight], state: &State) -> Vec<Grid> {
+    sights.par_iter().enumerate().map(|(frame, sight)| sight.light(frame, state)).collect()
+}
+
+/// Predictions over the rows.
+pub(crate) fn predict(sights: &[Sight], rows: &PixelRows, state: &State) -> Vec<f64> {
+    detect(sights, rows, state, &lights(sights, state))
+}
+
+/// The same from light that is known.
+pub(crate) fn detect(sights: &[Sight], rows: &PixelRows, state: &State, lights: &[Grid]) -> Vec<f64> {
+    let images: Vec<Vec<f64>> = sights
+        .par_iter()
+        .zip(lights)
+        .enumerate()
+        .map(|(frame, (sight, light))| sight.detected(frame, state, light))
+        .collect();
+    rows.bins.iter().map(|&(frame, bin)| images[frame][bin]).collect()
+}
+
+/// Derivative of the predictions by a parameter; `at` are the predictions themselves.
+pub(crate) fn tangent(
+    sights: &[Sight],
+    rows: &PixelRows,
+    state: &State,
+    at: &[f64],
+    parameter: Parameter,
+) -> Vec<f64> {
+    let mut step = parameter.step(state);
+    let mut moved = parameter.moved(state, step);
+    if moved == *state {
+        // At the end of its range a parameter has a tangent towards the inside alone.
+        step = -step;
+        moved = parameter.moved(state, step);
+    }
+    if let Parameter::Part(part, k) = parameter {
+        step = moved.parts[part].values[k] - state.parts[part].values[k];
+    }
+    let frames = parameter.frame().map_or(0..sights.len(), |frame| frame..frame + 1);
+    let images: Vec<Option<Vec<f64>>> = (0..sights.len())
+        .into_par_iter()
+        .map(|frame| {
+            let sight = &sights[frame];
+            frames.contains(&frame).then(|| sight.detected(frame, &moved, &sight.light(frame, &moved)))
+        })
+        .collect();
+    rows.bins
+        .iter()
+        .zip(at)
+        .map(|(&(frame, bin), before)| {
+            images[frame].as_ref().map_or(0.0, |image| (image[bin] - before) / step)
+        })
+        .collect()
+}
+
+/// How rows count in a fit.
+pub(crate) struct Counted {
+    /// Inverse variance times Tukey's factor.
+    pub(crate) weight: Vec<f64>,
+}
+
+/// Rows further off than this many sigmas do not count.
+const OUTLIER_SIGMAS: f64 = 6.0;
+const ROUNDS: usize = 5;
+const TURNS: usize = 8;
+
+/// Weights from errors, in groups of like brightness.
+pub(crate) fn counted(rows: &PixelRows, key: &[f64], error: &[f64], fitted: usize) -> Counted {
+    let length: Vec<f64> = error.iter().map(|e| e.abs()).collect();
+    let groups =
+        NoiseGroups { rows: 120, fitted: fitted as f64, median_of_normal: 0.674_49, least: rows.least_noise };
+    let sigma = groups.sigmas(key, &length, &vec![false; error.len()]);
+    let weight = length
+        .iter()
+        .zip(&sigma)
+        .map(|(e, s)| {
+            let t = e / (s * OUTLIER_SIGMAS);
+            if t < 1.0 { (1.0 - t * t).powi(2) / (s * s) } else { 0.0 }
+        })
+        .collect();
+    Counted { weight }
+}
+
+/// Fits parameters by D. Marquardt's method (SIAM Journal 11, 1963), weights anew in each round.
+pub(crate) fn fit(sights: &[Sight], rows: &PixelRows, start: State, parameters: &[Parameter]) -> State {
+    let mut state = start;
+    for _ in 0..ROUNDS {
+        let mut at = predict(sights, rows, &state);
+        let key = rows.noise_key(sights, &state);
+        let mut error: Vec<f64> = rows.measured.iter().zip(&at).map(|(m, p)| m - p).collect();
+        let weight = counted(rows, &key, &error, parameters.len()).weight;
+        let cost = |error: &[f64]| error.iter().zip(&weight).map(|(e, w)| w * e * e).sum::<f64>();
+        let mut now = cost(&error);
+        let first = now;
+        let mut damping = 1e-4;
+        for _ in 0..TURNS {
+            let tangents: Vec<Vec<f64>> =
+                parameters.iter().map(|p| tangent(sights, rows, &state, &at, *p)).collect();
+            let Some(step) = solved(&tangents, &error, &weight, damping) else { break };
+            let mut trial = state.clone();
+            for (parameter, by) in parameters.iter().zip(&step) {
+                trial = parameter.moved(&trial, *by);
+            }
+            let there = predict(sights, rows, &trial);
+            let left: Vec<f64> = rows.measured.iter().zip(&there).map(|(m, p)| m - p).collect();
+            let then = cost(&left);
+            if then.is_finite() && then <= now {
+                let done = now - then < 1e-5 * now;
+                (state, at, error, now) = (trial, there, left, then);
+                damping = (damping * 0.2).max(1e-9);
+                if done {
+                    break;
+                }
+            } else {
+                damping *= 20.0;
+                if damping > 1e6 {
+                    break;
+                }
+            }
+        }
+        if first - now < 1e-4 * first {
+            break;
+        }
+    }
+    state
+}
+
+/// Weighted least squares with a damped diagonal; `None` where it has no solution.
+pub(crate) fn solved(columns: &[Vec<f64>], y: &[f64], weight: &[f64], damping: f64) -> Option<Vec<f64>> {
+    let n = columns.len();
+    let over =
+        |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).zip(weight).map(|((a, b), w)| a * b * w).sum() };
+    let entries: Vec<Vec<f64>> = (0..n)
+        .into_par_iter()
+        .map(|i| (0..=i).map(|j| over(&columns[i], &columns[j])).chain([over(&columns[i], y)]).collect())
+        .collect();
+    // Scaled to a unit diagonal; a trace of ridge for columns that say nothing.
+    let size: Vec<f64> = (0..n).map(|i| entries[i][i].sqrt().max(1e-150)).collect();
+    let mut normal = Mat::<f64>::zeros(n, n);
+    let mut right = Mat::<f64>::zeros(n, 1);
+    for i in 0..n {
+        for j in 0..=i {
+            let value = entries[i][j] / (size[i] * size[j]);
+            normal[(i, j)] = value;
+            normal[(j, i)] = value;
+        }
+        normal[(i, i)] = (entries[i][i] / (size[i] * size[i])) * (1.0 + damping) + 1e-9;
+        right[(i, 0)] = entries[i][i + 1] / size[i];
+    }
+    let solution = normal.llt(Side::Lower).ok()?.solve(&right);
+    let out: Vec<f64> = (0..n).map(|i| solution[(i, 0)] / size[i]).collect();
+    out.iter().all(|v| v.is_finite()).then_some(out)
+}

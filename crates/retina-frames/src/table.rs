@@ -1,0 +1,116 @@
+//! `frames.csv`: which image was measured, and what it is compared with.
+
+use std::path::{Path, PathBuf};
+
+use retina_files::{InputError, Table};
+
+/// Columns that are no covariates.
+const TEXT: [&str; 6] = ["predicted", "scene", "frame", "measured", "mask", "start"];
+
+/// What an image is compared with.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Prediction {
+    /// A linear EXR.
+    File(PathBuf),
+    /// A frame of a scene, rendered here; from a smooth sphere of Lambert's law where `smooth`.
+    Scene { file: PathBuf, frame: usize, smooth: bool },
+}
+
+/// A row.
+#[derive(Debug, Clone)]
+pub(crate) struct Row {
+    /// Its line, for errors.
+    pub(crate) line: usize,
+    pub(crate) prediction: Prediction,
+    pub(crate) measured: PathBuf,
+    pub(crate) mask: Option<PathBuf>,
+    /// All numeric columns that are filled in every row.
+    pub(crate) numbers: Vec<(String, f64)>,
+}
+
+impl Row {
+    pub(crate) fn number(&self, name: &str) -> Option<f64> {
+        self.numbers.iter().find(|(n, _)| n == name).map(|(_, value)| *value)
+    }
+}
+
+/// Whether a table is one of frames.
+///
+/// # Errors
+/// The file cannot be read as a table.
+pub fn is_frames_table(path: &Path) -> Result<bool, InputError> {
+    Ok(Table::read(path)?.has("measured"))
+}
+
+/// Reads a table; paths are relative to it.
+pub(crate) fn read(path: &Path, notes: &mut Vec<String>) -> Result<Vec<Row>, InputError> {
+    let table = Table::read(path)?;
+    table.require(&["measured"])?;
+    if !table.has("predicted") {
+        table.require(&["scene", "frame"])?;
+    }
+    if table.is_empty() {
+        return Err(InputError::new(path, "has no rows").expected("a row for each image"));
+    }
+    let names: Vec<&String> = table.columns().iter().filter(|name| !TEXT.contains(&name.as_str())).collect();
+    let mut columns = Vec::new();
+    for name in names {
+        let mut filled = true;
+        for row in 0..table.len() {
+            filled &= table.number_or_empty(row, name)?.is_some();
+        }
+        if filled {
+            columns.push(name.clone());
+        } else {
+            notes.push(format!("column `{name}` has empty cells and is left out"));
+        }
+    }
+    let folder = path.parent().unwrap_or(Path::new(""));
+    (0..table.len()).map(|row| read_row(&table, row, folder, &columns)).collect()
+}
+
+fn read_row(table: &Table, row: usize, folder: &Path, columns: &[String]) -> Result<Row, InputError> {
+    let line = table.line(row);
+    let refuse = |column: &str, problem: &str| InputError::new(table.file(), problem).cell(line, column);
+    let file = |column: &str| {
+        let text = table.text(row, column);
+        (!text.is_empty()).then(|| folder.join(text))
+    };
+    let measured = file("measured").ok_or_else(|| refuse("measured", "the image is not named"))?;
+    let prediction = match (file("predicted"), file("scene")) {
+        (Some(_), Some(_)) => {
+            return Err(refuse("scene", "the prediction is given twice")
+                .expected("`predicted`, or `scene` and `frame`"));
+        }
+        (Some(path), None) => Prediction::File(path),
+        (None, Some(path)) => {
+            let frame = table.number(row, "frame")?;
+            if frame < 0.0 || frame.fract() != 0.0 || frame > 1e6 {
+                return Err(refuse("frame", "is no number of a frame").found(frame).expected("0, 1, 2 ..."));
+            }
+            let smooth = match table.text(row, "start") {
+                "" | "as-given" => false,
+                "smooth" => true,
+                other => {
+                    return Err(refuse("start", "is no start").found(format!("`{other}`")).expected(
+                        "`as-given`, or `smooth` for the reference ellipsoid of Lambert's law without a map",
+                    ));
+                }
+            };
+            Prediction::Scene { file: path, frame: frame as usize, smooth }
+        }
+        (None, None) => {
+            return Err(
+                refuse("predicted", "nothing is predicted").expected("`predicted`, or `scene` and `frame`")
+            );
+        }
+    };
+    let numbers = columns
+        .iter()
+        .map(|name| Ok((name.clone(), table.number(row, name)?)))
+        .collect::<Result<Vec<_>, InputError>>()?;
+    if let Some((name, value)) = numbers.iter().find(|(n, v)| n == "exposure_s" && *v <= 0.0) {
+        return Err(refuse(name, "is no exposure time").found(value).expected("seconds above 0"));
+    }
+    Ok(Row { line, prediction, measured, mask: file("mask"), numbers })
+}

@@ -1,0 +1,60 @@
+//! Tables of frames that do not fit, by their messages.
+
+mod common;
+
+use common::{BALL, Case, PLAIN};
+
+fn refusal(change: impl Fn(&Case)) -> String {
+    let case = Case::new(&[(BALL, PLAIN)], 1);
+    change(&case);
+    let error = case.read(true).err().unwrap();
+    format!("{error} | {:?} | {:?} | {:?}", error.found, error.expected, error.help)
+}
+
+fn table(text: &'static str) -> impl Fn(&Case) {
+    move |case| std::fs::write(case.path("frames.csv"), text).unwrap()
+}
+
+#[test]
+fn what_is_wrong_is_said() {
+    for (text, words) in [
+        ("measured\n0.png\n", "scene"),
+        ("predicted,measured\n0.exr,\n", "the image is not named"),
+        ("predicted,measured\n,0.png\n", "nothing is predicted"),
+        ("predicted,measured\n", "has no rows"),
+        ("predicted,scene,frame,measured\n0.exr,s.toml,0,0.png\n", "given twice"),
+        ("scene,frame,measured\ns.toml,1.5,0.png\n", "no number of a frame"),
+        ("scene,frame,start,measured\ns.toml,0,flat,0.png\n", "is no start"),
+        ("predicted,measured,exposure_s\n0.exr,0.png,-1\n", "no exposure time"),
+        ("predicted,measured\nmissing.exr,0.png\n", "missing.exr"),
+        ("predicted,measured\n0.exr,0.exr\n", "is not a camera image"),
+    ] {
+        let said = refusal(table(text));
+        assert!(said.contains(words), "{text}: {said}");
+    }
+}
+
+#[test]
+fn an_image_of_another_size_is_refused() {
+    let said = refusal(|case| {
+        retina_image::CameraImage::new(64, 64, 4095.0).write_png(&case.path("0.png")).unwrap();
+    });
+    assert!(said.contains("is not the camera's") && said.contains("128 x 96"), "{said}");
+}
+
+#[test]
+fn a_dark_image_is_refused() {
+    let said = refusal(|case| {
+        retina_image::CameraImage::new(128, 96, 4095.0).write_png(&case.path("0.png")).unwrap();
+    });
+    assert!(said.contains("no light"), "{said}");
+}
+
+#[test]
+fn an_effect_that_cannot_be_shown_says_what_would_show_it() {
+    let mut set = Case::new(&[(BALL, PLAIN)], 1).read(true).unwrap();
+    let error = set.add("albedo_map").unwrap_err();
+    assert!(format!("{:?}", error.found).contains("scene"), "{error:?}");
+    let error = set.add("image_shift").unwrap_err();
+    assert!(format!("{:?}", error.found).contains("--baseline gain"), "{error:?}");
+}
