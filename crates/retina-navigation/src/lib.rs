@@ -6,9 +6,11 @@
 //! - [`filter`]: position by triangulation, position and velocity by an extended Kalman filter.
 //! - [`limb`]: position of a resolved body from its limb.
 //! - [`far_range`]: the paper's experiment among the planets.
+//! - [`full_disk`]: the paper's experiment about the Moon.
 
 pub mod far_range;
 pub mod filter;
+pub mod full_disk;
 pub mod image;
 pub mod limb;
 pub mod planets;

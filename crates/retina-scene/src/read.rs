@@ -101,6 +101,31 @@ impl Scene {
     }
 }
 
+impl Scene {
+    /// The scene with another compensation by another calibration, in the place of what its file says; the screen's
+    /// response is the calibration's where it has one.
+    ///
+    /// # Errors
+    /// It is no facility's, or the calibration is not of its setup.
+    pub fn with_compensation(mut self, mode: Compensation, calibration: &Path) -> Result<Self, InputError> {
+        let Display::Facility(setup) = &self.display else {
+            return Err(InputError::new(&self.file, "shows no facility: there is nothing to compensate"));
+        };
+        let read = Calibration::read(calibration, setup)?;
+        self.response = screen_response(calibration, setup)?;
+        (self.distortion, self.inverse) = match mode {
+            Compensation::None => (None, None),
+            _ => (Some(read.distortion), read.inverse),
+        };
+        self.compensation = mode;
+        self.inputs.retain(|input| input.role != "calibration");
+        self.inputs.push(SceneInput { role: "calibration".into(), hash: hash_file(calibration)? });
+        let mode = hash_bytes(mode.name().as_bytes());
+        self.inputs.push(SceneInput { role: "compensation in the place of the scene's".into(), hash: mode });
+        Ok(self)
+    }
+}
+
 /// Stars of these magnitudes exist; what a screen shows of them is another matter.
 const FAINTEST_MAGNITUDES: std::ops::RangeInclusive<f64> = -30.0..=30.0;
 

@@ -8,7 +8,7 @@ use super::matrix::Matrix6;
 
 /// GM of the Sun and of the bodies of `Planet::ALL` (Mercury, Venus, Earth, Moon, Mars, Jupiter, Saturn, Uranus,
 /// Neptune; systems with their moons), m^3/s^2 (JPL DE440, Park et al. 2021).
-const GM_M3_S2: [f64; BODIES] = [
+pub(crate) const GM_M3_S2: [f64; BODIES] = [
     1.327_124_400_412_794e20,
     2.203_186_855_1e13,
     3.248_585_92e14,
@@ -105,7 +105,7 @@ impl Dynamics {
             let a = self.acceleration(t, &state);
             [y[3], y[4], y[5], a.x, a.y, a.z]
         };
-        PhaseState::from_array(runge_kutta(rate, state.to_array(), from_s, to_s))
+        PhaseState::from_array(runge_kutta(rate, state.to_array(), from_s, to_s, STEP_S))
     }
 
     /// As [`Dynamics::propagate`], with the transition matrix d(state) / d(state before).
@@ -137,20 +137,21 @@ impl Dynamics {
             }
             out
         };
-        let end = runge_kutta(rate, start, from_s, to_s);
+        let end = runge_kutta(rate, start, from_s, to_s, STEP_S);
         let transition = std::array::from_fn(|i| std::array::from_fn(|j| end[6 + 6 * i + j]));
         (PhaseState::from_array(std::array::from_fn(|i| end[i])), transition)
     }
 }
 
-/// The classical fourth-order Runge-Kutta method in equal steps.
-fn runge_kutta<const N: usize>(
+/// The classical fourth-order Runge-Kutta method in equal steps of at most `longest_s`.
+pub(crate) fn runge_kutta<const N: usize>(
     rate: impl Fn(f64, &[f64; N]) -> [f64; N],
     start: [f64; N],
     from_s: f64,
     to_s: f64,
+    longest_s: f64,
 ) -> [f64; N] {
-    let steps = ((to_s - from_s).abs() / STEP_S).ceil().max(1.0);
+    let steps = ((to_s - from_s).abs() / longest_s).ceil().max(1.0);
     let h = (to_s - from_s) / steps;
     let mut y = start;
     let along = |y: &[f64; N], k: &[f64; N], h: f64| -> [f64; N] { std::array::from_fn(|i| y[i] + h * k[i]) };

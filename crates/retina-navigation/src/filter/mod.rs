@@ -12,8 +12,10 @@ mod measurement;
 mod triangulation;
 
 pub use dynamics::{Dynamics, PhaseState};
+pub(crate) use dynamics::{GM_M3_S2, runge_kutta};
 pub use ekf::{Filter, Innovation};
 pub use ephemeris::{BODIES, EphemerisTable};
 pub use matrix::{Matrix6, Vector6, cholesky, quadratic_form_inverse};
+pub(crate) use matrix::{product, product_transposed};
 pub use measurement::{apparent_direction, tangent_axes};
 pub use triangulation::{Beacon, Fix, triangulate};

@@ -89,9 +89,20 @@ fn outline(count: usize, at: impl Fn(usize) -> Option<DVec2>) -> Vec<Node> {
         .collect()
 }
 
-/// (distance inside the outline, DN) of the pixels about a node, and the share of inner pixels that are saturated; `None`
-/// where some would be outside the frame.
-pub(super) fn pixels(image: &CameraImage, node: &Node, half_width_px: f64) -> Option<(Vec<[f64; 2]>, f64)> {
+/// A pixel about a node.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    /// Distance inside the outline, px.
+    pub inside: f64,
+    /// DN.
+    pub value: f64,
+    /// At full scale: the light is this or more.
+    pub full: bool,
+}
+
+/// The pixels about a node, and the share of inner ones that are saturated; `None` where some would be outside the
+/// frame.
+pub(super) fn pixels(image: &CameraImage, node: &Node, half_width_px: f64) -> Option<(Vec<Sample>, f64)> {
     let tangent = node.normal.perp();
     let reach = node.normal.abs() * half_width_px + tangent.abs() * node.half_length_px;
     let (low, high) = ((node.at - reach - 0.5).floor(), (node.at + reach + 0.5).ceil());
@@ -114,9 +125,7 @@ pub(super) fn pixels(image: &CameraImage, node: &Node, half_width_px: f64) -> Op
             let full = line[column] >= saturation;
             inner += usize::from(inside > 0.0);
             saturated += usize::from(full && inside > 0.0);
-            if !full {
-                out.push([inside, f64::from(line[column])]);
-            }
+            out.push(Sample { inside, value: f64::from(line[column]), full });
         }
     }
     Some((out, saturated as f64 / inner.max(1) as f64))
@@ -124,10 +133,10 @@ pub(super) fn pixels(image: &CameraImage, node: &Node, half_width_px: f64) -> Op
 
 /// The outermost place where the profile has half its step, px outside the outline: a start for [`fit_edge`]. `None`
 /// without a step above the noise.
-pub(super) fn crossing(samples: &[[f64; 2]], half_width_px: f64, noise_dn: f64) -> Option<f64> {
+pub(super) fn crossing(samples: &[Sample], half_width_px: f64, noise_dn: f64) -> Option<f64> {
     let count = (2.0 * half_width_px).ceil() as usize;
     let mut bins = vec![(0.0, 0usize); count];
-    for [inside, value] in samples {
+    for Sample { inside, value, .. } in samples {
         let bin = &mut bins[((inside + half_width_px) as usize).min(count - 1)];
         *bin = (bin.0 + value, bin.1 + 1);
     }
@@ -149,25 +158,30 @@ pub(super) fn crossing(samples: &[[f64; 2]], half_width_px: f64, noise_dn: f64) 
 }
 
 /// Fits the edge of one node's pixels by Gauss-Newton; `None` where it does not converge within `half_width_px / 2`.
+/// A saturated pixel says that its light is at least full scale (a censored observation, Tobin 1958): it counts while
+/// the model is below that, and not where it is above.
 pub(super) fn fit_edge(
     node: &Node,
-    samples: &[[f64; 2]],
+    samples: &[Sample],
     start_px: f64,
     half_width_px: f64,
     blur_px: f64,
     noise_dn: f64,
 ) -> Option<Edge> {
-    if samples.len() < 12 {
+    if samples.iter().filter(|sample| !sample.full).count() < 12 {
         return None;
     }
     let mut shift = start_px;
     let mut solution = DVec4::ZERO;
     for turn in 0..8 {
         let (mut normal, mut right) = (DMat4::ZERO, DVec4::ZERO);
-        for &[inside, value] in samples {
+        for &Sample { inside, value, full } in samples {
             let u = inside + shift;
             let (step, density) = normal_distribution(u / blur_px);
             let ramp = u * step + blur_px * density;
+            if full && turn > 0 && solution.x + solution.y * step + solution.z * ramp >= value {
+                continue;
+            }
             // The last column is the derivative by the shift, with the amplitudes of the turn before.
             let slope = if turn == 0 {
                 density / blur_px
@@ -197,16 +211,17 @@ pub(super) fn fit_edge(
             return None;
         }
         if turn > 0 && change.abs() < 1e-4 {
-            let misfit: f64 = samples
-                .iter()
-                .map(|&[inside, value]| {
-                    let u = inside + shift;
-                    let (step, density) = normal_distribution(u / blur_px);
-                    let model = solution.x + solution.y * step + solution.z * (u * step + blur_px * density);
-                    (value - model).powi(2)
-                })
-                .sum();
-            let freedom = samples.len() - 4;
+            let (mut misfit, mut counted) = (0.0, 0usize);
+            for &Sample { inside, value, full } in samples {
+                let u = inside + shift;
+                let (step, density) = normal_distribution(u / blur_px);
+                let model = solution.x + solution.y * step + solution.z * (u * step + blur_px * density);
+                if !full || model < value {
+                    misfit += (value - model).powi(2);
+                    counted += 1;
+                }
+            }
+            let freedom = counted.saturating_sub(4).max(1);
             let variance = (misfit / freedom as f64).max(noise_dn * noise_dn);
             return Some(Edge {
                 node: *node,

@@ -88,6 +88,9 @@ pub struct LimbSolution {
     pub position_camera_m: DVec3,
     /// Its covariance, m^2.
     pub covariance_m2: DMat3,
+    /// The part of it that is new in each image: the edges' own noise, m^2. The rest is terrain and the edge's model,
+    /// which images of the same limb share.
+    pub noise_covariance_m2: DMat3,
     /// Outline of the body at that position in the undistorted image.
     pub ellipse: LimbEllipse,
     /// Mean of the outline's semi-axes and its standard deviation, px.

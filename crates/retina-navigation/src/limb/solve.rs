@@ -6,12 +6,12 @@ use retina_geometry::{LimbEllipse, limb_ellipse};
 use retina_image::CameraImage;
 
 use super::coarse::{Coarse, Shape, coarse};
-use super::edge::{Edge, Node, crossing, ellipse_outline, fit_edge, image_outline, pixels};
+use super::edge::{Edge, Node, Sample, crossing, ellipse_outline, fit_edge, image_outline, pixels};
 use super::fit::{Fit, Measured, fit};
 use super::{LimbBody, LimbCamera, LimbOptions, LimbPoint, LimbSolution, Refusal};
 
 /// Widths of blur that are tried, px: from a bare pixel (1 / sqrt 12) up.
-const BLURS_PX: [f64; 10] = [0.3, 0.4, 0.52, 0.68, 0.9, 1.2, 1.6, 2.1, 2.8, 3.7];
+const BLURS_PX: [f64; 12] = [0.3, 0.4, 0.52, 0.68, 0.9, 1.2, 1.6, 2.1, 2.8, 3.7, 4.9, 6.5];
 /// A thinner lit area is a crescent without an inside, px: its width is known to the cells that it is found with.
 const LEAST_WIDTH_PX: f64 = 8.0;
 /// A step below this share of the limb's brightest quarter is no lit limb.
@@ -19,14 +19,25 @@ const LEAST_STEP: f64 = 0.12;
 /// Points are measured up to this angle from the Sun's direction, cosine: beyond, the terminator is near.
 const LEAST_COS_SUN: f64 = 0.17;
 /// More of the pixels inside the limb than this may not be saturated.
-const MOST_SATURATED: f64 = 0.3;
+const MOST_SATURATED: f64 = 0.6;
+/// Nor of a single piece's.
+const MOST_SATURATED_PIECE: f64 = 0.8;
 /// At least this share of the places that should show a limb has to.
 const LEAST_FOUND: f64 = 0.5;
 /// Pixels to either side of the limb that the blur is found from.
 const BLUR_WINDOW_PX: f64 = 8.0;
+/// A blur above this share of the window is looked at in twice the window.
+const WIDE_BLUR: f64 = 0.25;
 /// What a PSF that is no Gaussian, and an error of its width, may shift all edges by: along the normal, px. An
 /// allowance; discs with a square pixel's aperture and Gaussian blurs stay within.
 const EDGE_MODEL_SIGMA_PX: f64 = 0.015;
+/// What a PSF wider than a pixel adds to it, share of its width beyond: such a one is an aberration's, no Gaussian, and
+/// hills and maria within its width pull at the edge. Measured on the virtual bench, whose PSF of 3 px adds 0.2 to 0.3
+/// px to the error of the Moon's radius.
+const WIDE_EDGE_MODEL_SHARE: f64 = 0.1;
+/// What saturation adds to it, px for all pixels inside the limb: without its plateau a shading is not told from a blur.
+/// A third saturated moves the radius of shaded discs by 0.03 px.
+const SATURATED_EDGE_MODEL_PX: f64 = 0.1;
 /// Scatter beyond noise that a body's terrain may have: px, and share of the radius.
 const MOST_EXCESS: (f64, f64) = (0.4, 0.006);
 
@@ -93,8 +104,20 @@ pub fn solve_limb(
         if turn == 0 {
             // Wide enough that a shading inside the limb is not taken for blur.
             let width = BLUR_WINDOW_PX.min(0.3 * mean_radius);
-            blur_px = blur(image, &lit.choose(all.clone(), width), width, &seen)
-                .ok_or_else(|| lit.unsharp(&seen))?;
+            let nodes = lit.choose(all.clone(), width);
+            let narrow = blur(image, &nodes, width, &seen);
+            blur_px = match narrow {
+                Some(found) if found < WIDE_BLUR * width => Some(found),
+                // Flanks that reach beyond the window are looked at in a wider one.
+                _ => {
+                    let wide = (2.0 * BLUR_WINDOW_PX).min(0.3 * mean_radius);
+                    blur(image, &lit.choose(all.clone(), wide), wide, &seen).or(narrow)
+                }
+            }
+            .ok_or_else(|| match saturated_share(image, &nodes, width) {
+                share if share > MOST_SATURATED => Refusal::Saturated { percent: 100.0 * share },
+                _ => lit.unsharp(&seen),
+            })?;
         }
         let width = (2.5 * blur_px + 2.5).min(0.3 * mean_radius).max(2.5);
         last = measure(image, &lit.choose(all, width), width, blur_px, &seen);
@@ -225,7 +248,7 @@ fn lit_side(points: &[Measured], whole: &Fit, camera: &LimbCamera, body: &LimbBo
 /// The blur that fits the edges of a sample of nodes best, px; `None` where it is wider than any that is tried.
 fn blur(image: &CameraImage, nodes: &[Node], half_width_px: f64, seen: &Coarse) -> Option<f64> {
     let step = (nodes.len() / 48).max(1);
-    let sample: Vec<(Node, Vec<[f64; 2]>, f64)> = nodes
+    let sample: Vec<(Node, Vec<Sample>, f64)> = nodes
         .iter()
         .step_by(step)
         .filter_map(|node| {
@@ -263,6 +286,13 @@ fn blur(image: &CameraImage, nodes: &[Node], half_width_px: f64, seen: &Coarse) 
         if left < right { high -= third } else { low += third }
     }
     Some((0.5 * (low + high)).exp())
+}
+
+/// Mean share of the pixels inside the outline that are saturated.
+fn saturated_share(image: &CameraImage, nodes: &[Node], half_width_px: f64) -> f64 {
+    let shares: Vec<f64> =
+        nodes.iter().filter_map(|node| Some(pixels(image, node, half_width_px)?.1)).collect();
+    shares.iter().sum::<f64>() / shares.len().max(1) as f64
 }
 
 /// Edges of the nodes that show one.
@@ -304,8 +334,8 @@ fn measure(
         let at = steps.len() * 3 / 4;
         let least = LEAST_STEP * *steps.select_nth_unstable_by(at, f64::total_cmp).1;
         edges.retain(|edge| {
-            // A piece that is half saturated has lost its plateau.
-            edge.amplitude_dn > least.max(0.0) && edge.sigma_px < 1.0 && edge.saturated < 0.5
+            // A piece without its plateau says little, and its sigma says so; one without anything below it says nothing.
+            edge.amplitude_dn > least.max(0.0) && edge.sigma_px < 1.0 && edge.saturated < MOST_SATURATED_PIECE
         });
     }
     let length = |node: &Node| 2.0 * node.half_length_px / node.curvature_radius_px;
@@ -351,10 +381,23 @@ fn judge(
     let outer = DMat3::from_cols(along * along.x, along * along.y, along * along.z);
     // Both act as an error of the body's radius and, less than that over an arc, of its centre.
     let metres_per_px = body.mean_radius_m() / radius;
-    let height = options.limb_height_sigma_m.hypot(EDGE_MODEL_SIGMA_PX * metres_per_px);
+    let edge_model_px = EDGE_MODEL_SIGMA_PX
+        + WIDE_EDGE_MODEL_SHARE * (blur_px - 1.0).max(0.0)
+        + SATURATED_EDGE_MODEL_PX * last.saturated;
+    let height = options.limb_height_sigma_m.hypot(edge_model_px * metres_per_px);
     let by_height = outer * (height * distance_m / body.mean_radius_m()).powi(2)
         + (DMat3::IDENTITY - outer) * (height * height);
     let covariance_m2 = fit.covariance_m2 * correlation_factor + by_height;
+    // Weights are 1 / (noise^2 + excess^2): what of the weighted scatter is noise.
+    let weights = || {
+        let used = last.points.iter().zip(&fit.used).filter(|(_, used)| **used);
+        used.map(|(point, _)| {
+            let own = point.sigma_px * point.sigma_px;
+            (own, 1.0 / (own + fit.excess_sigma_px * fit.excess_sigma_px))
+        })
+    };
+    let noise_share =
+        weights().map(|(own, w)| w * w * own).sum::<f64>() / weights().map(|(_, w)| w).sum::<f64>();
 
     // Derivatives of radius and centre by the position, for their standard deviations.
     let step = 1e-5 * distance_m;
@@ -375,6 +418,7 @@ fn judge(
     Ok(LimbSolution {
         position_camera_m: fit.position_m,
         covariance_m2,
+        noise_covariance_m2: fit.covariance_m2 * noise_share,
         ellipse,
         radius_px: [radius, sigma[0]],
         center_sigma_px: DVec2::new(sigma[1], sigma[2]),

@@ -1,6 +1,7 @@
 //! `retina navigate`.
 
 mod far_range;
+mod full_disk;
 mod stars;
 
 use crate::failure::Failure;
@@ -12,11 +13,14 @@ pub(crate) enum Command {
     Stars(stars::Arguments),
     /// Runs the paper's far-range experiment: random poses, and a transfer to Mars.
     FarRange(far_range::Arguments),
+    /// Measures a resolved body by its limb over a rendered sequence, or runs the paper's LUMIO experiment.
+    FullDisk(full_disk::Arguments),
 }
 
 pub(crate) fn run(command: &Command) -> Result<(), Failure> {
     match command {
         Command::Stars(arguments) => stars::run(arguments),
         Command::FarRange(arguments) => far_range::run(arguments),
+        Command::FullDisk(arguments) => full_disk::run(arguments),
     }
 }
