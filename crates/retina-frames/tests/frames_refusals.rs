@@ -1,5 +1,7 @@
 //! Tables of frames that do not fit, by their messages.
 
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
+
 mod common;
 
 use common::{BALL, Case, PLAIN};

@@ -1,5 +1,7 @@
 //! Images made by known chains, explained: names and amplitudes come from the generator in `common`.
 
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
+
 mod common;
 
 use common::{BALL, Case, Chain, PLAIN, lommel_seeliger};

@@ -16,8 +16,8 @@ use retina_frames::{FrameSet, FramesSource, diagnose_frames};
 use retina_geometry::Setup;
 use retina_image::CameraImage;
 
-pub const WIDTH: usize = 128;
-pub const HEIGHT: usize = 96;
+pub(crate) const WIDTH: usize = 128;
+pub(crate) const HEIGHT: usize = 96;
 const FULL_SCALE: f64 = 4095.0;
 /// Electrons for a digital number.
 const ELECTRONS: f64 = 4.0;
@@ -25,41 +25,41 @@ const READ_NOISE_DN: f64 = 2.0;
 
 /// A sphere in front of a camera: middle of its image, radius, and direction of the Sun (camera axes).
 #[derive(Clone, Copy)]
-pub struct Ball {
-    pub centre_px: [f64; 2],
-    pub radius_px: f64,
-    pub sun: [f64; 3],
+pub(crate) struct Ball {
+    pub(crate) centre_px: [f64; 2],
+    pub(crate) radius_px: f64,
+    pub(crate) sun: [f64; 3],
 }
 
-pub const BALL: Ball = Ball { centre_px: [60.0, 50.0], radius_px: 21.0, sun: [0.75, 0.25, -0.612] };
+pub(crate) const BALL: Ball = Ball { centre_px: [60.0, 50.0], radius_px: 21.0, sun: [0.75, 0.25, -0.612] };
 
 /// Blur of the optics, in the prediction also: without any, no image can be moved by a part of a pixel.
 const OPTICS_PX: f64 = 0.9;
 
 /// What an image is made by.
 #[derive(Clone, Copy)]
-pub struct Chain {
-    pub shift_px: [f64; 2],
-    pub roll_rad: f64,
-    pub law: fn(f64, f64) -> f64,
+pub(crate) struct Chain {
+    pub(crate) shift_px: [f64; 2],
+    pub(crate) roll_rad: f64,
+    pub(crate) law: fn(f64, f64) -> f64,
     /// Beside the optics' own [`OPTICS_PX`], which the prediction has.
-    pub blur_px: f64,
-    pub glare: f64,
-    pub vignetting: f64,
-    pub nonlinearity: f64,
-    pub offset_dn: f64,
-    pub noise: bool,
+    pub(crate) blur_px: f64,
+    pub(crate) glare: f64,
+    pub(crate) vignetting: f64,
+    pub(crate) nonlinearity: f64,
+    pub(crate) offset_dn: f64,
+    pub(crate) noise: bool,
 }
 
-pub fn lambert(mu0: f64, _: f64) -> f64 {
+pub(crate) fn lambert(mu0: f64, _: f64) -> f64 {
     mu0
 }
 
-pub fn lommel_seeliger(mu0: f64, mu: f64) -> f64 {
+pub(crate) fn lommel_seeliger(mu0: f64, mu: f64) -> f64 {
     2.0 * mu0 / (mu0 + mu)
 }
 
-pub const PLAIN: Chain = Chain {
+pub(crate) const PLAIN: Chain = Chain {
     shift_px: [0.8, -0.6],
     roll_rad: 0.01,
     law: lambert,
@@ -93,7 +93,7 @@ fn over_pixel(column: usize, row: usize, value: impl Fn([f64; 2]) -> f64) -> f64
 }
 
 /// The prediction: light of Lambert's sphere, with the layers of angles.
-pub fn write_prediction(path: &Path, ball: &Ball) {
+pub(crate) fn write_prediction(path: &Path, ball: &Ball) {
     let plane = |value: &dyn Fn([f64; 2]) -> f64| -> Vec<f32> {
         (0..WIDTH * HEIGHT).map(|at| over_pixel(at % WIDTH, at / WIDTH, value) as f32).collect()
     };
@@ -116,7 +116,7 @@ pub fn write_prediction(path: &Path, ball: &Ball) {
 }
 
 /// A photograph.
-pub fn photograph(ball: &Ball, chain: &Chain, seed: u64) -> CameraImage {
+pub(crate) fn photograph(ball: &Ball, chain: &Chain, seed: u64) -> CameraImage {
     let (sin, cos) = chain.roll_rad.sin_cos();
     let back = |at: [f64; 2]| -> [f64; 2] {
         // Seen at c + shift + R (p - c).
@@ -201,7 +201,7 @@ fn gaussian(values: &[f64], columns: usize, rows: usize, sigma: f64) -> Vec<f64>
     along(&along(values, 1, columns), columns, rows)
 }
 
-pub const SETUP: &str = r#"
+pub(crate) const SETUP: &str = r#"
 schema = "retina.setup/1"
 name = "test"
 [screen]
@@ -223,13 +223,13 @@ observed_rows_px = 60
 "#;
 
 /// A folder with a setup, a prediction, and as many photographs as there are chains.
-pub struct Case {
+pub(crate) struct Case {
     folder: tempfile::TempDir,
-    pub setup: Setup,
+    pub(crate) setup: Setup,
 }
 
 impl Case {
-    pub fn new(images: &[(Ball, Chain)], seed: u64) -> Self {
+    pub(crate) fn new(images: &[(Ball, Chain)], seed: u64) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
         std::fs::write(path("setup.toml"), SETUP).unwrap();
@@ -244,22 +244,22 @@ impl Case {
         Self { folder, setup }
     }
 
-    pub fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    pub fn read(&self, register: bool) -> Result<FrameSet, InputError> {
+    pub(crate) fn read(&self, register: bool) -> Result<FrameSet, InputError> {
         let files = [self.path("frames.csv")];
         FrameSet::read(&FramesSource { files: &files, setup: &self.setup, calibration: None, register })
     }
 
-    pub fn diagnose(&self, register: bool) -> Diagnosis {
+    pub(crate) fn diagnose(&self, register: bool) -> Diagnosis {
         let mut set = self.read(register).unwrap();
         diagnose_frames(&mut set, &[], &DiagnoseOptions { flips: 499, seed: 1 }).unwrap().2
     }
 }
 
-pub fn parameter(set_or: &Diagnosis, effect: &str, name: &str) -> f64 {
+pub(crate) fn parameter(set_or: &Diagnosis, effect: &str, name: &str) -> f64 {
     let candidate = set_or.candidates.iter().find(|c| c.effect == effect).unwrap();
     candidate.parameters.iter().find(|p| p.name == name).unwrap().value
 }
