@@ -286,42 +286,55 @@ pub(super) fn knock(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     Ok(out)
 }
 
-fn phase_terms<'a>(
-    px: &'a [f64],
-    py: &'a [f64],
-    harmonic: f64,
-    g: Option<Vec<f64>>,
-    name: &str,
-) -> Vec<Term<'a>> {
-    let sine = move |phase: f64| (std::f64::consts::TAU * harmonic * phase).sin();
-    let h = g.clone();
-    vec![
-        Term::new(format!("a{name}_arcsec"), move |i| [sine(px[i]) * g.as_ref().map_or(1.0, |g| g[i]), 0.0]),
-        Term::new(format!("b{name}_arcsec"), move |i| [0.0, sine(py[i]) * h.as_ref().map_or(1.0, |h| h[i])]),
-    ]
-}
-
 /// Below this the camera's axes are the facility's.
 const SMALL_ROLL_RAD: f64 = 0.03;
 
+/// A form over a pixel, 0 to 1.
+type OfPhase = fn(f64) -> f64;
+
+/// What a window of whole pixels does to a centroid: the wings that it cuts off pull towards the middle of the pixel, and
+/// where the window moves on by a pixel the pull changes its sign at once. The first harmonic is the small one of a wide
+/// spot; a narrow one's is a sawtooth.
 pub(super) fn camera_phase(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     let (px, py) = (need(data, "camera_phase_x")?, need(data, "camera_phase_y")?);
-    let leading = if data.roll_rad.len() == 1 && data.roll_rad[0].abs() < SMALL_ROLL_RAD {
-        phase_terms(px, py, 1.0, None, "")
-    } else {
-        // The camera's axes in the facility's frame.
-        let sine = |phase: f64| (std::f64::consts::TAU * phase).sin();
-        let turned = move |i: usize, v: [f64; 2]| {
-            let (sin, cos) = data.roll_rad[data.mounting[i]].sin_cos();
-            [cos * v[0] - sin * v[1], sin * v[0] + cos * v[1]]
-        };
-        vec![
-            Term::new("a_arcsec", move |i| turned(i, [sine(px[i]), 0.0])),
-            Term::new("b_arcsec", move |i| turned(i, [0.0, sine(py[i])])),
+    let aligned = data.roll_rad.len() == 1 && data.roll_rad[0].abs() < SMALL_ROLL_RAD;
+    // The camera's axes in the facility's frame.
+    let turned = move |i: usize, v: [f64; 2]| {
+        if aligned {
+            return v;
+        }
+        let (sin, cos) = data.roll_rad[data.mounting[i]].sin_cos();
+        [cos * v[0] - sin * v[1], sin * v[0] + cos * v[1]]
+    };
+    fn sine(phase: f64, harmonic: f64) -> f64 {
+        (std::f64::consts::TAU * harmonic * phase).sin()
+    }
+    let along = |name: &str, form: OfPhase| {
+        [
+            Term::new(format!("a{name}_arcsec"), move |i| turned(i, [form(px[i]), 0.0])),
+            Term::new(format!("b{name}_arcsec"), move |i| turned(i, [0.0, form(py[i])])),
         ]
     };
-    let further = [2.0, 3.0, 4.0].into_iter().flat_map(|h| phase_terms(px, py, h, None, &format!("{h}")));
-    Ok(vec![Variant { shape: Vec::new(), leading, further: further.collect() }])
+    let further: [(&str, OfPhase); 4] = [
+        ("_saw", |phase| 0.5 - phase),
+        ("2", |phase| sine(phase, 2.0)),
+        ("3", |phase| sine(phase, 3.0)),
+        ("4", |phase| sine(phase, 4.0)),
+    ];
+    Ok(vec![Variant {
+        shape: Vec::new(),
+        leading: along("", |phase| sine(phase, 1.0)).into(),
+        further: further.into_iter().flat_map(|(name, form)| along(name, form)).collect(),
+    }])
+}
+
+fn phase_terms<'a>(px: &'a [f64], py: &'a [f64], harmonic: f64, g: Vec<f64>, name: &str) -> Vec<Term<'a>> {
+    let sine = move |phase: f64| (std::f64::consts::TAU * harmonic * phase).sin();
+    let h = g.clone();
+    vec![
+        Term::new(format!("a{name}_arcsec"), move |i| [sine(px[i]) * g[i], 0.0]),
+        Term::new(format!("b{name}_arcsec"), move |i| [0.0, sine(py[i]) * h[i]]),
+    ]
 }
 
 pub(super) fn screen_phase(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
@@ -333,11 +346,11 @@ pub(super) fn screen_phase(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     Ok([0.0, 1.0, 2.0]
         .into_iter()
         .map(|q| {
-            let mut further = phase_terms(px, py, 2.0, Some(light(q)), "_2nd");
-            further.extend(phase_terms(px, py, 1.0, Some(light(if q == 1.0 { 0.0 } else { 1.0 })), "_other"));
+            let mut further = phase_terms(px, py, 2.0, light(q), "_2nd");
+            further.extend(phase_terms(px, py, 1.0, light(if q == 1.0 { 0.0 } else { 1.0 }), "_other"));
             Variant {
                 shape: vec![("power_of_count", q)],
-                leading: phase_terms(px, py, 1.0, Some(light(q)), ""),
+                leading: phase_terms(px, py, 1.0, light(q), ""),
                 further,
             }
         })

@@ -146,16 +146,20 @@ mod tests {
         let motion = motion(1e-5);
         let state = [3e7, -4e7, 2e7, 50.0, 80.0, -30.0, 1e-6, 0.0, -2e-6];
         let to_s = START_S + 2.0 * 86_400.0;
-        let (end, transition, noise) = motion.carry(state, START_S, to_s);
+        let (_, transition, noise) = motion.carry(state, START_S, to_s);
         for column in 0..MOTION {
             let step = [1e3, 1e-2, 1e-8][column / 3];
-            let mut moved = state;
-            moved[column] += step;
-            let (other, ..) = motion.carry(moved, START_S, to_s);
+            let at = |sign: f64| {
+                let mut moved = state;
+                moved[column] += sign * step;
+                motion.carry(moved, START_S, to_s).0
+            };
+            let (above, below) = (at(1.0), at(-1.0));
             for row in 0..MOTION {
+                // What a step of this size changes, in units of what such steps are.
                 let unit = [1e3, 1e-2, 1e-8];
-                let off = (other[row] - end[row]) / step - transition[row][column];
-                assert!(off.abs() * unit[column / 3] / unit[row / 3] < 2e-2, "{row} {column} {off}");
+                let off = (above[row] - below[row]) / (2.0 * step) - transition[row][column];
+                assert!(off.abs() * unit[column / 3] / unit[row / 3] < 1e-3, "{row} {column} {off}");
             }
         }
         // Closed form of a Gauss-Markov process: variance s^2 (1 - exp(-2 t / T)).
