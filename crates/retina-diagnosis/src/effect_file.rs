@@ -6,6 +6,7 @@ use retina_files::{InputError, Place, Snippet, parse_toml, read_text};
 use serde::Deserialize;
 use toml::Spanned;
 
+use crate::catalogue::effects;
 use crate::data::{ARCSEC_PER_RAD, Dataset, TableKind};
 use crate::formula::{Formula, Unit, parse};
 use crate::own::{OwnEffect, OwnParameter, readable_columns};
@@ -62,6 +63,12 @@ impl EffectOfFile {
                 Some(Snippet { text: text.clone(), offset: span.start, length: span.len().max(1) });
             error
         };
+        if let Some(known) = effects(Some(data.kind)).iter().find(|effect| effect.id == file.name) {
+            return Err(InputError::new(path, "the catalogue has an effect of this name")
+                .at("key `name`")
+                .found(format!("`{}`", known.id))
+                .help(format!("give it another name, or use the catalogue's: --effect {}", known.id)));
+        }
         let mut parameters = Vec::new();
         for (name, value) in &file.parameters {
             let parameter: ParameterFile = value.clone().try_into().map_err(|error: toml::de::Error| {

@@ -173,6 +173,12 @@ pub fn effects_text(effects: &[&Effect]) -> Vec<String> {
     out
 }
 
+/// Decimals that show a number to two digits; none of a large one.
+fn decimals(value: f64) -> usize {
+    let magnitude = value.abs().log10().floor();
+    if magnitude.is_finite() { (1.0 - magnitude).clamp(0.0, 12.0) as usize } else { 0 }
+}
+
 /// Fewer groups than these can be flipped in too few ways for any p-value to be small.
 fn too_few(data: &Dataset) -> bool {
     data.groups.len() < 8
@@ -256,8 +262,11 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
             .parameters
             .iter()
             .map(|p| match p.sigma {
-                Some(sigma) => format!("{} {:.3} +- {:.3}", p.name, p.value, sigma),
-                None => format!("{} {}", p.name, p.value),
+                Some(sigma) => {
+                    let digits = decimals(sigma);
+                    format!("{} {:.digits$} +- {:.digits$}", p.name, p.value, sigma)
+                }
+                None => format!("{} {:.1$}", p.name, decimals(0.1 * p.value)),
             })
             .collect();
         out.push(format!(

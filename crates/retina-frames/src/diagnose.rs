@@ -1,7 +1,7 @@
 //! Effects found one by one; the prediction is made anew with each, so that what two do together is in it.
 
 use retina_diagnosis::{
-    AddedEffect, Candidate, Dataset, DiagnoseOptions, Diagnosis, Verdict, diagnose_step, fit,
+    AddedEffect, Candidate, Dataset, DiagnoseOptions, Diagnosis, Parameter, Verdict, diagnose_step, fit,
 };
 use retina_files::InputError;
 
@@ -30,13 +30,14 @@ pub fn diagnose_frames(
     let mut decided: Vec<Candidate> = Vec::new();
     let mut several = false;
     let mut ladder: Vec<(Vec<String>, f64)> = Vec::new();
+    let mut fitted_parameters: Vec<Parameter> = Vec::new();
     while let (Some(&id), true) = (found.accepted.first(), out.accepted.len() < MOST_ACCEPTED) {
         set.add(id)?;
         let next = set.dataset(true)?;
         let mut with = added.clone();
         with.push(AddedEffect::read(id, &next)?);
-        let steps = match fit(&next, &with) {
-            Ok(fitted) => fitted.steps,
+        let (steps, parameters) = match fit(&next, &with) {
+            Ok(fitted) => (fitted.steps, fitted.parameters),
             Err(refused) => {
                 out.notes
                     .push(format!("{id} is significant and cannot be fitted beside the others: {refused}"));
@@ -52,7 +53,7 @@ pub fn diagnose_frames(
             set.undo();
             break;
         }
-        (data, added, ladder) = (next, with, steps);
+        (data, added, ladder, fitted_parameters) = (next, with, steps, parameters);
         out.accepted.push(id);
         several |= found.indistinguishable.len() > 1;
         for rival in &found.indistinguishable {
@@ -67,6 +68,16 @@ pub fn diagnose_frames(
         let floor = found.noise_floor.max(f64::MIN_POSITIVE);
         let strength = (ladder[given].1.powi(2) - after.powi(2)).max(0.0).sqrt() / floor;
         found = diagnose_step(&data, &added, options, Some(strength));
+    }
+    // What was accepted has the values of the last model, and the error of its step of the ladder.
+    for (k, candidate) in decided.iter_mut().enumerate() {
+        let own = format!("{}.", candidate.effect);
+        let of = |p: &Parameter| {
+            let name = p.name.strip_prefix(&own)?.to_owned();
+            Some(Parameter { name, ..p.clone() })
+        };
+        candidate.parameters = fitted_parameters.iter().filter_map(of).collect();
+        candidate.heldout_rms = ladder[given + k + 1].1;
     }
     let later = found.candidates.into_iter().filter(|c| !out.accepted.contains(&c.effect));
     out.candidates = decided.into_iter().chain(later).collect();

@@ -43,15 +43,15 @@ impl Measured {
     pub(crate) fn read(path: &Path, mask: Option<&Path>, setup: &Setup) -> Result<Self, InputError> {
         let mut image = CameraImage::read(path, ReadOptions::default())?;
         let wanted = [setup.camera.width_px, setup.camera.height_px];
-        let check = |file: &Path, found: [u32; 2]| {
+        let check = |file: &Path, what: &str, found: [u32; 2]| {
             if found == wanted {
                 return Ok(());
             }
-            Err(InputError::new(file, "the image is not the camera's")
+            Err(InputError::new(file, format!("the {what} is not the camera's"))
                 .found(format!("{} x {} px", found[0], found[1]))
                 .expected(format!("{} x {} px, the setup's camera", wanted[0], wanted[1])))
         };
-        check(path, [image.width_px, image.height_px])?;
+        check(path, "image", [image.width_px, image.height_px])?;
         // A file of 8 bits ends at 255 whatever the camera has.
         image.full_scale_dn = image.full_scale_dn.min((2f64.powi(setup.camera.bits as i32) - 1.0) as f32);
         let (columns, rows) = (image.width_px as usize, image.height_px as usize);
@@ -72,7 +72,7 @@ impl Measured {
         let mut masked = vec![false; valid.len()];
         if let Some(mask) = mask {
             let drawn = CameraImage::read(mask, ReadOptions { bits: None, colour_to_grey: true })?;
-            check(mask, [drawn.width_px, drawn.height_px])?;
+            check(mask, "mask", [drawn.width_px, drawn.height_px])?;
             masked = drawn.values.iter().map(|drawn| *drawn == 0.0).collect();
             valid.iter_mut().zip(&masked).for_each(|(valid, masked)| *valid &= !masked);
         }

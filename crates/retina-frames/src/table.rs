@@ -39,7 +39,10 @@ impl Row {
 /// # Errors
 /// The file cannot be read as a table.
 pub fn is_frames_table(path: &Path) -> Result<bool, InputError> {
-    Ok(Table::read(path)?.has("measured"))
+    let table = Table::read(path)?;
+    let others = ["camera_x_px", "irradiance_w_m2", "phase_deg"];
+    let frames = ["measured", "scene", "predicted"].iter().any(|name| table.has(name));
+    Ok(frames && !others.iter().any(|name| table.has(name) && !table.has("measured")))
 }
 
 /// Reads a table; paths are relative to it.
@@ -66,7 +69,18 @@ pub(crate) fn read(path: &Path, notes: &mut Vec<String>) -> Result<Vec<Row>, Inp
         }
     }
     let folder = path.parent().unwrap_or(Path::new(""));
-    (0..table.len()).map(|row| read_row(&table, row, folder, &columns)).collect()
+    let rows: Vec<Row> =
+        (0..table.len()).map(|row| read_row(&table, row, folder, &columns)).collect::<Result<_, _>>()?;
+    for (at, row) in rows.iter().enumerate() {
+        if let Some(before) = rows[..at].iter().find(|before| before.measured == row.measured) {
+            return Err(InputError::new(path, "the image is there twice")
+                .cell(row.line, "measured")
+                .found(row.measured.display())
+                .expected("each image once")
+                .help(format!("the first is in line {}", before.line)));
+        }
+    }
+    Ok(rows)
 }
 
 fn read_row(table: &Table, row: usize, folder: &Path, columns: &[String]) -> Result<Row, InputError> {
@@ -82,7 +96,20 @@ fn read_row(table: &Table, row: usize, folder: &Path, columns: &[String]) -> Res
             return Err(refuse("scene", "the prediction is given twice")
                 .expected("`predicted`, or `scene` and `frame`"));
         }
-        (Some(path), None) => Prediction::File(path),
+        (Some(path), None) => {
+            if let Some(column) =
+                ["frame", "start"].into_iter().find(|name| !table.text(row, name).is_empty())
+            {
+                return Err(refuse(column, "belongs to a scene").expected("an empty cell beside `predicted`"));
+            }
+            if path.extension().is_some_and(|extension| extension != "exr") {
+                return Err(refuse("predicted", "is no linear EXR")
+                    .found(path.display())
+                    .expected("radiance, as `retina render` writes it beside each screen image")
+                    .help("render with `radiance_exr = true` under [output], or name `scene` and `frame`"));
+            }
+            Prediction::File(path)
+        }
         (None, Some(path)) => {
             let frame = table.number(row, "frame")?;
             if frame < 0.0 || frame.fract() != 0.0 || frame > 1e6 {

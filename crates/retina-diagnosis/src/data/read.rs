@@ -144,7 +144,9 @@ impl Kind {
         } else {
             Err(InputError::new(table.file(), "has the columns of no table that is known")
                 .found(format!("columns {}", table.columns().join(", ")))
-                .expected("camera_x_px (points), irradiance_w_m2 (power) or phase_deg (phase)"))
+                .expected(
+                    "camera_x_px (points), irradiance_w_m2 (power), phase_deg (phase) or measured (frames)",
+                ))
         }
     }
 }

@@ -230,7 +230,8 @@ pub(super) const CHI2_3: [f64; 2] = [0.0717, 12.838];
 /// the first covariance.
 ///
 /// # Errors
-/// Fewer than two frames, frames that do not follow each other in time, times beyond the ephemeris.
+/// Fewer than two frames, frames that do not follow each other in time or end before the filter has settled, times
+/// beyond the ephemeris.
 pub fn run_filter(
     results: &[FrameResult],
     truths: &[FrameTruth],
@@ -284,6 +285,11 @@ pub fn run_filter(
         });
         updates += usize::from(nis.is_some());
         steps.push(step(&filter, result, truth, span_s[0], nis, known_velocity));
+    }
+    if !steps.iter().any(|step| step.elapsed_s >= 3600.0 * options.settle_h) {
+        return Err(InputError::new(place, "the frames end before the filter has settled")
+            .found(format!("{:.1} h", (span_s[1] - span_s[0]) / 3600.0))
+            .expected(format!("more than {} h", options.settle_h)));
     }
     Ok(summary(*options, steps, updates, unmodelled(&motion, truths)))
 }

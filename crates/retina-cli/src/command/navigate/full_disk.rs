@@ -57,11 +57,11 @@ pub(crate) struct Arguments {
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     limb_height_m: f64,
     /// Its standard deviation, m.
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = not_negative)]
     limb_height_sigma_m: f64,
     /// Standard deviation per axis of the known attitude, arcsec [default: the setup's jitter for camera images, 0 for
     /// the screen's].
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
     pointing_sigma_arcsec: Option<f64>,
     /// What renders a scenario.
     #[arg(long, value_enum, default_value_t)]
@@ -75,6 +75,14 @@ pub(crate) struct Arguments {
     /// Folder for the results; frames that are in it are not measured again.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+}
+
+/// A standard deviation.
+fn not_negative(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && value >= 0.0 => Ok(value),
+        _ => Err("a standard deviation is a finite number, 0 or more".to_owned()),
+    }
 }
 
 impl From<FullDiskError> for Failure {
