@@ -30,6 +30,9 @@ fn what_is_wrong_is_said() {
         ("predicted,measured,exposure_s\n0.exr,0.png,-1\n", "no exposure time"),
         ("predicted,measured\nmissing.exr,0.png\n", "missing.exr"),
         ("predicted,measured\n0.exr,0.exr\n", "is not a camera image"),
+        ("predicted,measured\n0.png,0.png\n", "is no linear EXR"),
+        ("predicted,start,measured\n0.exr,smooth,0.png\n", "belongs to a scene"),
+        ("predicted,measured\n0.exr,0.png\n0.exr,0.png\n", "the image is there twice"),
     ] {
         let said = refusal(table(text));
         assert!(said.contains(words), "{text}: {said}");
@@ -41,7 +44,12 @@ fn an_image_of_another_size_is_refused() {
     let said = refusal(|case| {
         retina_image::CameraImage::new(64, 64, 4095.0).write_png(&case.path("0.png")).unwrap();
     });
-    assert!(said.contains("is not the camera's") && said.contains("128 x 96"), "{said}");
+    assert!(said.contains("the image is not the camera's") && said.contains("128 x 96"), "{said}");
+    let said = refusal(|case| {
+        retina_image::CameraImage::new(64, 64, 4095.0).write_png(&case.path("m.png")).unwrap();
+        std::fs::write(case.path("frames.csv"), "predicted,measured,mask\n0.exr,0.png,m.png\n").unwrap();
+    });
+    assert!(said.contains("the mask is not the camera's"), "{said}");
 }
 
 #[test]
