@@ -197,9 +197,11 @@ fn folders_that_do_not_fit_are_refused_with_file_found_and_expected() {
     refused(&dir, &[], &["is not the truth of a frame", "000001.json"]);
     // The manifest knows which truth belongs to the folder.
     fs::write(&truth, &own).unwrap();
-    let line = json!({"index": 1, "inputs": {}, "outputs": {"truth/000001.json": "0123456789abcdef"}});
-    fs::write(dir.join("manifest.jsonl"), format!("{line}\n")).unwrap();
-    refused(&dir, &[], &["not the truth that this folder's frame", "0123456789ab"]);
+    for (name, what) in [("truth/000001.json", "truth"), ("frames/000001.png", "image")] {
+        let line = json!({"index": 1, "inputs": {}, "outputs": {name: "0123456789abcdef"}});
+        fs::write(dir.join("manifest.jsonl"), format!("{line}\n")).unwrap();
+        refused(&dir, &[], &[&format!("not the {what} that was rendered"), "0123456789ab"]);
+    }
     fs::remove_file(dir.join("manifest.jsonl")).unwrap();
     // Another size than the truth's camera.
     let small = image::GrayImage::new(64, 48);

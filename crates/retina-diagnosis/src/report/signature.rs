@@ -12,25 +12,7 @@ use crate::catalogue::Effect;
 use crate::data::{Baseline, Dataset, Source, TableKind};
 
 /// The facility that signatures are drawn for: the paper's wide configuration.
-const SETUP: &str = r#"
-schema = "retina.setup/1"
-name = "wide-fov"
-[screen]
-width_px = 1920
-height_px = 1200
-width_mm = 18.7
-height_mm = 11.75
-bits = 8
-wavelength_nm = { r = 605.0, g = 544.0, b = 475.0 }
-[camera]
-width_px = 2048
-height_px = 1536
-pixel_um = 3.45
-focal_mm = 25.0
-f_number = 2.8
-bits = 12
-[facility]
-"#;
+const SETUP: &str = include_str!("../../../../assets/setups/wide-fov.toml");
 /// Of an effect with several amplitudes each has one of these, so that none hides another.
 const AMPLITUDES: [f64; 4] = [1.0, 0.6, 0.4, 0.3];
 const EXPOSURES: usize = 24;

@@ -239,7 +239,8 @@ fn images_folder(choice: &SourceChoice, kind: ImageKind) -> Result<PathBuf, Inpu
     }
 }
 
-/// The manifest knows the files' hashes: truth that was put there from elsewhere, and another calibration, show.
+/// The manifest knows the files' hashes: truth and images that were put there from elsewhere, and another calibration,
+/// show.
 fn check_manifest(
     choice: &SourceChoice,
     frames: &[usize],
@@ -256,19 +257,25 @@ fn check_manifest(
         .filter_map(|line| serde_json::from_str::<ManifestLine>(line).ok())
         .map(|line| (line.index, line))
         .collect();
+    // Of camera images, and of a folder that was named, the manifest says nothing.
+    let own_images = kind == ImageKind::Screen && choice.images.is_none();
     for &frame in frames {
-        let name = format!("truth/{frame:06}.json");
-        let Some(expected) = lines.get(&frame).and_then(|line| line.outputs.get(&name)) else { continue };
-        let file = choice.dir.join(&name);
-        let found = hash_file(&file)?;
-        if found != *expected {
-            return Err(InputError::new(
-                &file,
-                "is not the truth that this folder's frame was rendered with",
-            )
-            .found(format!("hash {}", &found[..12.min(found.len())]))
-            .expected(format!("{} (manifest.jsonl)", &expected[..12.min(expected.len())]))
-            .help("render the frame again, or give the folder that the truth comes from"));
+        let Some(line) = lines.get(&frame) else { continue };
+        let image = own_images.then(|| format!("frames/{frame:06}.png"));
+        for name in [Some(format!("truth/{frame:06}.json")), image].into_iter().flatten() {
+            let Some(expected) = line.outputs.get(&name) else { continue };
+            let file = choice.dir.join(&name);
+            let found = hash_file(&file)?;
+            if found != *expected {
+                let what = if name.starts_with("truth") { "truth" } else { "image" };
+                return Err(InputError::new(
+                    &file,
+                    format!("is not the {what} that was rendered into this folder"),
+                )
+                .found(format!("hash {}", &found[..12.min(found.len())]))
+                .expected(format!("{} (manifest.jsonl)", &expected[..12.min(expected.len())]))
+                .help("render the frame again, or give the folder that the file comes from"));
+            }
         }
     }
     let used = lines.values().next().and_then(|line| line.inputs.get("calibration"));
