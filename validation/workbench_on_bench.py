@@ -61,7 +61,6 @@ def main():
     calibration = a.out / "calibration.toml"
     if not calibration.exists():
         campaign = a.out / "calibration"
-        # As dense as the campaigns: denser patterns are displaced against sparse ones.
         run(a.retina, "simulate", "points", "--setup", a.setup, "--seed", 4, "--out", campaign,
             "--exposures", 160)
         run(a.retina, "calibrate", "geometry", "--setup", a.setup, "--data", campaign / "points.csv",

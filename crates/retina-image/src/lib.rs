@@ -25,6 +25,7 @@ mod centroid;
 mod detect;
 mod read;
 mod width;
+mod width_field;
 mod write;
 
 pub use background::Background;

@@ -4,30 +4,28 @@ use rayon::prelude::*;
 
 use crate::centroid::{self, WEIGHT_RATIO};
 use crate::detect::{FIRST_SPOT_SIGMA_PX, Peak, near, shape};
+use crate::width_field::{MeasuredWidth, WidthField};
 use crate::{Background, CameraImage};
 
 /// Most spots whose width is measured, the brightest ones.
 const MOST_SPOTS: usize = 400;
-/// Fewer bright spots than these do not say how the width varies: their median serves everywhere.
-const FEWEST_FOR_MAP: usize = 12;
 /// Windows reach 3 weights, at most 31 px; narrower than half a pixel is no optics' image.
 const RANGE_PX: [f64; 2] = [0.5, 7.0];
 
-/// Standard deviation of the spots over the image: a mean over the measured ones nearby, smooth in the place, so that
-/// windows do not depend on a point's own light or noise.
+/// Standard deviation of the spots over the image: one field of widths through all that are measured ([`WidthField`]),
+/// so that windows depend neither on a point's own light or noise nor on how many other points the image holds. (A spot
+/// that is not symmetric has another centroid in another window: means over neighbours, whose reach goes by the points'
+/// density, move the field's edge by an arcsecond between sparse and dense patterns.)
 #[derive(Debug, Clone)]
 pub(crate) struct WidthMap {
-    /// Place and log of the standard deviation of each measured spot.
-    spots: Vec<([f64; 2], f64)>,
+    field: WidthField,
     typical_px: f64,
-    /// Standard deviation of the mean's Gaussian weights, px.
-    reach_px: f64,
 }
 
 impl WidthMap {
     /// The same everywhere.
     pub(crate) fn constant(sigma_px: f64) -> Self {
-        Self { spots: Vec::new(), typical_px: sigma_px, reach_px: 1.0 }
+        Self { field: WidthField::constant(sigma_px), typical_px: sigma_px }
     }
 
     /// From the bright, unsaturated, single spots of an image; peaks are sorted by their light.
@@ -45,53 +43,34 @@ impl WidthMap {
                 && image.at(peak.pixel[0], peak.pixel[1]) < 0.9 * saturation_dn
         };
         let bright: Vec<&Peak> = peaks.iter().filter(good).take(MOST_SPOTS).collect();
-        let mut spots: Vec<([f64; 2], f64)> = bright
+        let spots: Vec<MeasuredWidth> = bright
             .par_iter()
             .with_min_len(16)
             .filter_map(|peak| {
                 let start = peak.centre.map(|c| c as f64 + 0.5);
-                let (at, sigma) = own_width(image, background, start, &near(hot, peak.centre))?;
-                Some((at, sigma.ln()))
+                let (at_px, sigma) = own_width(image, background, start, &near(hot, peak.centre))?;
+                Some(MeasuredWidth { at_px, log_sigma: sigma.ln() })
             })
             .collect();
         // Fewer than three do not say what the spots of this image are like.
         if spots.len() < 3 {
             return Self::constant(FIRST_SPOT_SIGMA_PX);
         }
-        let mut logs: Vec<f64> = spots.iter().map(|spot| spot.1).collect();
+        let mut logs: Vec<f64> = spots.iter().map(|spot| spot.log_sigma).collect();
         logs.sort_by(f64::total_cmp);
         let typical_px = logs[logs.len() / 2].exp();
-        if spots.len() < FEWEST_FOR_MAP {
-            return Self::constant(typical_px);
-        }
-        let area = f64::from(image.width_px) * f64::from(image.height_px);
-        let reach_px = (0.8 * (area / spots.len() as f64).sqrt()).max(60.0);
-        // Merged spots and ghosts are wider than all their neighbours.
-        let map = Self { spots: spots.clone(), typical_px, reach_px };
-        spots.retain(|(at, log)| (log - map.log_at(*at)).abs() < 0.5);
-        Self { spots, ..map }
+        let size_px = [image.width_px, image.height_px].map(f64::from);
+        Self { field: WidthField::through(size_px, &spots, &logs), typical_px }
     }
 
     /// Standard deviation of a spot at a place, px.
     pub(crate) fn at_px(&self, at: [f64; 2]) -> f64 {
-        self.log_at(at).exp()
+        self.field.at_px(at)
     }
 
     /// The median over the image, px.
     pub(crate) fn typical_px(&self) -> f64 {
         self.typical_px
-    }
-
-    fn log_at(&self, at: [f64; 2]) -> f64 {
-        // The typical width counts a little, so that a corner without spots has one.
-        let (mut sum, mut weights) = (1e-4 * self.typical_px.ln(), 1e-4);
-        for (place, log) in &self.spots {
-            let off2 = (place[0] - at[0]).powi(2) + (place[1] - at[1]).powi(2);
-            let weight = (-0.5 * off2 / (self.reach_px * self.reach_px)).exp();
-            sum += weight * log;
-            weights += weight;
-        }
-        sum / weights
     }
 }
 

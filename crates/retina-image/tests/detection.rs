@@ -197,6 +197,51 @@ fn the_threshold_makes_a_comatic_spot_walk_with_its_light_and_the_window_does_no
     assert!(moments > 0.08, "{moments}");
 }
 
+/// Spots of a curved focal surface (2.9 px wide in the middle, 1.1 px two thirds out) with a tail towards the edge, whose
+/// centroids depend on the window's width: those of the same places are the same whatever else the image holds.
+#[test]
+fn centroids_do_not_depend_on_how_many_other_points_there_are() {
+    let (width, height) = (1600, 1200);
+    let places: Vec<[f64; 2]> = (0..390)
+        .map(|i| {
+            let [column, row] = [f64::from(i % 26), f64::from(i / 26)];
+            // A grid, a little out of line, so that all phases of the pixels occur.
+            [40.0 + 60.7 * column + 3.3 * (row % 3.0), 40.0 + 77.3 * row + 2.1 * (column % 5.0)]
+        })
+        .collect();
+    let expose = |of: &[[f64; 2]]| {
+        let mut plane = vec![0.0; width * height];
+        for &at in of {
+            let from = [at[0] - 800.0, at[1] - 600.0];
+            let r = from[0].hypot(from[1]) / 800.0;
+            let sigma = 1.1f64.hypot(2.7 * (1.0 - r * r / 0.5));
+            let away = from.map(|v| 1.8 * v / 800.0);
+            add_spot(&mut plane, width, at, 0.85 * 6000.0, sigma);
+            add_spot(&mut plane, width, [at[0] + away[0], at[1] + away[1]], 0.15 * 6000.0, 1.3 * sigma);
+        }
+        detect_points(&QUIET.expose(&plane, width, &mut random(33)), &DetectOptions::default()).points
+    };
+    let sparse: Vec<[f64; 2]> = places.iter().step_by(9).copied().collect();
+    let (few, many) = (expose(&sparse), expose(&places));
+    let outwards = |points: &[retina_image::LightPoint], at: [f64; 2]| {
+        let seen = points.iter().find(|p| (p.x_px - at[0]).hypot(p.y_px - at[1]) < 2.0)?;
+        let from = [at[0] - 800.0, at[1] - 600.0];
+        Some(((seen.x_px - at[0]) * from[0] + (seen.y_px - at[1]) * from[1]) / from[0].hypot(from[1]))
+    };
+    let mut rings = [(0.0, 0); 3];
+    for &at in &sparse {
+        let r = (at[0] - 800.0).hypot(at[1] - 600.0) / 800.0;
+        if let (Some(a), Some(b)) = (outwards(&few, at), outwards(&many, at)) {
+            let ring = &mut rings[((2.5 * r) as usize).min(2)];
+            *ring = (ring.0 + a - b, ring.1 + 1);
+        }
+    }
+    for (ring, (sum, count)) in rings.iter().enumerate() {
+        println!("ring {ring}: {:.4} px of {count}", sum / f64::from(*count));
+        assert!(*count >= 5 && (sum / f64::from(*count)).abs() < 0.003, "ring {ring}: {sum} of {count}");
+    }
+}
+
 /// A spot on the image's first column and row: the walk through its pixels ends at the edge.
 #[test]
 fn a_spot_at_the_corner_is_measured_up_to_the_edge() {
