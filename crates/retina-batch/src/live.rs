@@ -4,7 +4,7 @@ use retina_files::InputError;
 use retina_render::{Quality, RenderError};
 use retina_scene::{RadianceScale, Scene, SceneFrame};
 
-use crate::picture::Picture;
+use crate::picture::{Picture, PointSources};
 use crate::source::FrameSource;
 use crate::{AdapterName, BackendChoice, BatchError, ImagePlan};
 
@@ -64,6 +64,6 @@ impl LiveRenderer {
             return Err(BatchError::encode(format!("frame {}", frame.index), &"the renderer gave no image"));
         };
         let developed = self.plan.develop(&image, self.source.resampler.as_ref());
-        Ok(self.picture.paint(frame.index, &developed, Vec::new(), self.radiance_scale)?.png)
+        Ok(self.picture.paint(frame.index, &developed, PointSources::default(), self.radiance_scale)?.png)
     }
 }

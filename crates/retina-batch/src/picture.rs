@@ -1,7 +1,7 @@
 //! The image of a frame: a facility's screen image, or an ordinary one.
 
 use retina_geometry::Pinhole;
-use retina_scene::{Display, DisplayedPoint, Scene, ShownPoint, SkyPoint};
+use retina_scene::{Display, DisplayedPoint, Scene, SeenFlash, ShownFlash, ShownPoint, SkyPoint};
 use retina_screen::{Encoded, PlainDisplay, PointPainter, Quantisation, ScreenEncoder};
 
 use crate::plan::Developed;
@@ -23,12 +23,21 @@ enum Encoder {
     Plain(PlainDisplay),
 }
 
+/// A frame's point sources, in the order in which they are drawn.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct PointSources {
+    pub(crate) sky: Vec<SkyPoint>,
+    pub(crate) flashes: Vec<SeenFlash>,
+}
+
 /// A frame's image file.
 pub(crate) struct Painted {
     pub(crate) png: Vec<u8>,
     pub(crate) saturated_px: u64,
     /// The point sources in it.
     pub(crate) stars: Vec<ShownPoint>,
+    /// The flashes, those that are hidden among them.
+    pub(crate) flashes: Vec<ShownFlash>,
     /// An unresolved body, shown as a point.
     pub(crate) body: Option<DisplayedPoint>,
 }
@@ -68,12 +77,12 @@ impl Picture {
         &self,
         index: usize,
         developed: &Developed,
-        sky: Vec<SkyPoint>,
+        sources: PointSources,
         radiance_scale: f64,
     ) -> Result<Painted, BatchError> {
         let not_finite = |pixels| BatchError::NotFinite { frame: index, pixels };
         let light = &developed.light[..];
-        let (mut stars, mut body) = (Vec::new(), None);
+        let (mut stars, mut flashes, mut body) = (Vec::new(), Vec::new(), None);
         let (schema, channels, bits, bytes, saturated_px) = match &self.display {
             Encoder::Screen { screen, quantisation, points } => {
                 let mut encoded = if light.is_empty() || developed.photocentre_px.is_some() {
@@ -89,7 +98,8 @@ impl Picture {
                     }
                     body = stars::show(points, &mut encoded.counts, at_px, total * radiance_scale);
                 }
-                stars = stars::draw(points, &mut encoded.counts, sky, radiance_scale);
+                stars = stars::draw(points, &mut encoded.counts, sources.sky, radiance_scale);
+                flashes = stars::draw_flashes(points, &mut encoded.counts, sources.flashes, radiance_scale);
                 let rgb = equal_channels(&encoded.counts);
                 ("retina.screen/1", 3, 8, rgb, encoded.saturated_px)
             }
@@ -110,7 +120,7 @@ impl Picture {
         let shape = PngShape { width_px: self.width_px, height_px: self.height_px, channels, bits, filtered };
         let texts = [("schema", schema.to_string()), ("frame", index.to_string())];
         let png = png_bytes(&format!("frame {index}"), shape, &bytes, &texts)?;
-        Ok(Painted { png, saturated_px, stars, body })
+        Ok(Painted { png, saturated_px, stars, flashes, body })
     }
 }
 

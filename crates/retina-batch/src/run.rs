@@ -12,7 +12,7 @@ use retina_scene::{DisplayedPoint, RadianceScale, Scene, SceneFrame, ShownPoint}
 use serde_json::json;
 
 use crate::folder::{Folder, ManifestLine, Record, frame_file};
-use crate::picture::Picture;
+use crate::picture::{Picture, PointSources};
 use crate::source::FrameSource;
 use crate::{
     AdapterName, BackendChoice, BatchError, ImagePlan, Selection, SideProducts, contact_sheet, write_exr,
@@ -156,6 +156,9 @@ impl Batch {
             adapter: None,
             contact_sheet: None,
         };
+        for note in self.scene.flash_notes() {
+            observer.note(&note);
+        }
         if !to_do.is_empty() {
             self.render(&to_do, found, &mut summary, observer)?;
         }
@@ -374,8 +377,8 @@ impl FrameWriter<'_> {
         let Job { frame, image } = job;
         let (batch, index) = (self.batch, frame.index);
         let developed = batch.plan.develop(&image, self.resampler.as_ref());
-        let sky = batch.scene.sky(&frame)?;
-        let painted = batch.picture.paint(index, &developed, sky, self.radiance_scale)?;
+        let sources = PointSources { sky: batch.scene.sky(&frame)?, flashes: batch.scene.flashes_of(&frame) };
+        let painted = batch.picture.paint(index, &developed, sources, self.radiance_scale)?;
         let mut outputs = BTreeMap::new();
         if let Some(channels) = developed.channels {
             let metadata = json!({
@@ -397,7 +400,8 @@ impl FrameWriter<'_> {
                 self.put(file, &bytes, &mut outputs)?;
             }
         }
-        let truth = batch.scene.truth(&frame, self.radiance_scale, &painted.stars, painted.body);
+        let truth =
+            batch.scene.truth(&frame, self.radiance_scale, &painted.stars, &painted.flashes, painted.body);
         let mut text =
             serde_json::to_vec_pretty(&truth).map_err(|error| BatchError::encode("the truth", &error))?;
         text.push(b'\n');

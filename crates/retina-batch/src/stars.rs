@@ -1,8 +1,8 @@
-//! Stars and planets drawn into a screen image.
+//! Stars, planets and flashes drawn into a screen image.
 
 use glam::DVec2;
 use retina_radiometry::{irradiance_of_magnitude_w_m2_nm, magnitude_of_irradiance};
-use retina_scene::{DisplayedPoint, ShownPoint, SkyPoint};
+use retina_scene::{DisplayedPoint, SeenFlash, ShownFlash, ShownPoint, SkyPoint};
 use retina_screen::PointPainter;
 
 /// Draws a frame's point sources into its counts and says what is shown of each that is on the screen.
@@ -26,6 +26,24 @@ pub(crate) fn draw(
         })
     };
     points.into_iter().filter_map(on_screen).collect()
+}
+
+/// Draws a frame's flashes into its counts, those that nothing hides.
+pub(crate) fn draw_flashes(
+    painter: &PointPainter,
+    counts: &mut [u8],
+    flashes: Vec<SeenFlash>,
+    radiance_scale: f64,
+) -> Vec<ShownFlash> {
+    let drawn = |seen: SeenFlash| {
+        let wanted_w_m2_nm = seen.mean_irradiance_w_m2_nm * radiance_scale;
+        let screen_px = seen.line_of_sight.and_then(|sight| painter.screen_px(sight, wanted_w_m2_nm));
+        let displayed = screen_px
+            .filter(|&at_px| !seen.hidden && painter.contains(at_px))
+            .and_then(|at_px| show(painter, counts, at_px, wanted_w_m2_nm));
+        ShownFlash { seen, screen_px, displayed }
+    };
+    flashes.into_iter().map(drawn).collect()
 }
 
 /// Draws one source of an irradiance, W m^-2 nm^-1 at the pupil.

@@ -250,3 +250,60 @@ fn a_scenario_is_read_strictly() {
     let out = retina(&["navigate", "full-disk", file.to_str().unwrap(), "--kind", "camera"]);
     assert!(text(&out.stderr).contains("into the scenario"), "{}", text(&out.stderr));
 }
+
+#[test]
+fn results_do_not_take_the_place_of_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path().join("render");
+    for frame in 0..3 {
+        write_frame(&dir, frame, FULL);
+    }
+    // The rendered folder is no folder for results.
+    let same = navigate(&dir, &["--out", dir.to_str().unwrap()]);
+    assert_eq!(same.status.code(), Some(2));
+    assert!(text(&same.stderr).contains("is the rendered folder itself"), "{}", text(&same.stderr));
+    assert!(!dir.join("frames.jsonl").exists());
+    // A part's document stands beside the whole's.
+    let out = folder.path().join("out");
+    let name = out.to_str().unwrap().to_owned();
+    assert_eq!(navigate(&dir, &["--out", &name]).status.code(), Some(0));
+    let whole = fs::read(out.join("full-disk.json")).unwrap();
+    for more in [["--frames", "0..2"], ["--shard", "1/2"]] {
+        assert_eq!(navigate(&dir, &["--out", &name, more[0], more[1]]).status.code(), Some(0));
+    }
+    assert_eq!(fs::read(out.join("full-disk.json")).unwrap(), whole);
+    for (file, frames) in [("full-disk-0..2.json", 2), ("full-disk-1-of-2.json", 1)] {
+        let part: Value = serde_json::from_slice(&fs::read(out.join(file)).unwrap()).unwrap();
+        assert_eq!(part["frames"].as_array().unwrap().len(), frames, "{file}");
+    }
+    let wrong = navigate(&dir, &["--frames", "-1..2"]);
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(text(&wrong.stderr).contains("is not a range of frames"), "{}", text(&wrong.stderr));
+}
+
+#[test]
+fn what_cannot_be_right_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path().join("render");
+    // A picture whose focal length is 3 % beyond what is stated: 1800 km of 60 000.
+    for frame in 0..3 {
+        write_frame(&dir, frame, Drawn { focal: 1.03, ..FULL });
+    }
+    let found = navigate(&dir, &[]);
+    assert_eq!(found.status.code(), Some(0));
+    let said = text(&found.stderr);
+    assert!(said.contains("do not belong together") && said.contains("NEES"), "{said}");
+    assert!(said.contains("no manifest.jsonl"), "{said}");
+    let right = folder.path().join("right");
+    write_frame(&right, 0, FULL);
+    let said = text(&navigate(&right, &[]).stderr);
+    assert!(!said.contains("do not belong together"), "{said}");
+    // A photograph in the place of a screen image: 12 bits.
+    let image =
+        image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(SIZE[0], SIZE[1], image::Luma([3000u16]));
+    image.save(right.join("frames/000000.png")).unwrap();
+    let out = navigate(&right, &["--kind", "screen"]);
+    assert_eq!(out.status.code(), Some(2));
+    let said = text(&out.stderr);
+    assert!(said.contains("--kind camera") && !said.contains("camera.bits"), "{said}");
+}

@@ -79,6 +79,7 @@ impl Scenario {
             response,
             bodies,
             stars: None,
+            flashes: None,
             quality: Quality::Default,
             output: Output::default(),
             seed: 0,

@@ -6,6 +6,8 @@ use crate::CameraImage;
 
 /// Samples along each side of a cell.
 const SAMPLES: usize = 12;
+/// A cell of fewer pixels has no value of its own: its level would be uncertain by a tenth of the noise and more.
+const FEWEST_IN_CELL: usize = 100;
 /// Samples are kept within this many standard deviations of the level.
 const CLIP: f64 = 3.0;
 /// Standard deviation of a normal distribution cut off at 3 sigma, in sigmas:
@@ -49,6 +51,31 @@ impl Background {
         let nodes = median_of_neighbours(&raw, columns, rows);
         let cell_px = [width as f64 / columns as f64, height as f64 / rows as f64];
         Self { cell_px, columns, rows, nodes }
+    }
+
+    /// As [`Background::estimate`], from all pixels where `mask` (row by row) is true, each cell by itself. A cell with
+    /// hardly any takes the mean of its neighbours.
+    pub fn estimate_in(image: &CameraImage, mask: &[bool], mesh_px: usize) -> Self {
+        let (width, height) = (image.width_px as usize, image.height_px as usize);
+        let mesh_px = mesh_px.max(8);
+        let cells = |size: usize| ((size + mesh_px / 2) / mesh_px).max(1);
+        let (columns, rows) = (cells(width), cells(height));
+        let raw: Vec<Option<[f32; 2]>> = (0..rows * columns)
+            .into_par_iter()
+            .map_with((Vec::new(), Vec::new()), |(sample, deviation): &mut (Vec<f32>, Vec<f32>), cell| {
+                let (row, column) = (cell / columns, cell % columns);
+                sample.clear();
+                let (left, right) = (column * width / columns, (column + 1) * width / columns);
+                for y in row * height / rows..(row + 1) * height / rows {
+                    let own = &mask[y * width + left..y * width + right];
+                    let pixels = image.row(y)[left..right].iter().zip(own);
+                    sample.extend(pixels.filter(|(_, inside)| **inside).map(|(value, _)| value));
+                }
+                (sample.len() >= FEWEST_IN_CELL).then(|| clipped(sample, deviation))
+            })
+            .collect();
+        let cell_px = [width as f64 / columns as f64, height as f64 / rows as f64];
+        Self { cell_px, columns, rows, nodes: spread_out(raw, columns, rows) }
     }
 
     /// Level at a position, DN.
@@ -163,6 +190,27 @@ fn clipped(sample: &mut [f32], deviation: &mut Vec<f32>) -> [f32; 2] {
         sigma = ((squares - sum * sum / count) / (count - 1.0)).max(0.0).sqrt() / CLIPPED_SIGMA;
     }
     [level as f32, sigma as f32]
+}
+
+/// Fills cells without a value from those beside them, ring by ring.
+fn spread_out(mut raw: Vec<Option<[f32; 2]>>, columns: usize, rows: usize) -> Vec<[f32; 2]> {
+    while raw.iter().any(Option::is_none) && raw.iter().any(Option::is_some) {
+        let known = raw.clone();
+        for (cell, value) in raw.iter_mut().enumerate().filter(|(_, value)| value.is_none()) {
+            let (row, column) = (cell / columns, cell % columns);
+            let (mut sum, mut count) = ([0.0; 2], 0.0f32);
+            for r in row.saturating_sub(1)..=(row + 1).min(rows - 1) {
+                for c in column.saturating_sub(1)..=(column + 1).min(columns - 1) {
+                    if let Some(near) = known[r * columns + c] {
+                        sum = [sum[0] + near[0], sum[1] + near[1]];
+                        count += 1.0;
+                    }
+                }
+            }
+            *value = (count > 0.0).then(|| sum.map(|s| s / count));
+        }
+    }
+    raw.into_iter().map(Option::unwrap_or_default).collect()
 }
 
 /// A cell that a large object fills is outvoted: nodes far from their neighbours' median take it.

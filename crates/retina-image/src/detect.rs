@@ -105,15 +105,45 @@ pub(crate) struct Peak {
 pub fn detect_points(image: &CameraImage, options: &DetectOptions) -> Detection {
     let background = Background::estimate(image, options.mesh_px);
     let candidates = candidates(image, &background, options.threshold_sigma);
-    let (mut peaks, hot_pixels) = without_spikes(image, &background, options.threshold_sigma, &candidates);
+    let found = without_spikes(image, &background, options.threshold_sigma, SPIKE_SHARE, &candidates);
+    measured(image, &background, found, options)
+}
+
+/// Where points are looked for.
+#[derive(Debug, Clone, Copy)]
+pub struct Area<'a> {
+    /// Of each pixel, row by row, whether it is inside.
+    pub mask: &'a [bool],
+    /// Whether a single pixel can be a point of light: in an image without hot pixels.
+    pub spikes: bool,
+}
+
+/// As [`detect_points`], inside an area: its pixels alone say what the background is.
+pub fn detect_points_in(image: &CameraImage, area: &Area<'_>, options: &DetectOptions) -> Detection {
+    let background = Background::estimate_in(image, area.mask, options.mesh_px);
+    let mut candidates = candidates(image, &background, options.threshold_sigma);
+    candidates.retain(|&[x, y]| area.mask[y * image.width_px as usize + x]);
+    // Nothing is a spike whose neighbours are to have no share of its light.
+    let spike_share = if area.spikes { f64::NEG_INFINITY } else { SPIKE_SHARE };
+    let found = without_spikes(image, &background, options.threshold_sigma, spike_share, &candidates);
+    measured(image, &background, found, options)
+}
+
+/// The points at these peaks and hot pixels.
+fn measured(
+    image: &CameraImage,
+    background: &Background,
+    (mut peaks, hot_pixels): (Vec<Peak>, Vec<[usize; 2]>),
+    options: &DetectOptions,
+) -> Detection {
     let reach_px = 8.0 * options.spot_sigma_px.unwrap_or(FIRST_SPOT_SIGMA_PX);
-    peaks = joined(image, &background, peaks, reach_px);
+    peaks = joined(image, background, peaks, reach_px);
     let saturation = options.saturation_dn.unwrap_or(image.full_scale_dn);
     let widths = match options.spot_sigma_px {
         Some(sigma) => WidthMap::constant(sigma),
-        None => WidthMap::measure(image, &background, &peaks, saturation, &hot_pixels),
+        None => WidthMap::measure(image, background, &peaks, saturation, &hot_pixels),
     };
-    let measure = |peak: &Peak| measure(image, &background, options, peak, &widths, saturation, &hot_pixels);
+    let measure = |peak: &Peak| measure(image, background, options, peak, &widths, saturation, &hot_pixels);
     let mut points: Vec<LightPoint> = peaks.par_iter().with_min_len(64).filter_map(measure).collect();
     points.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn));
     let mut points = without_repeats(points);
@@ -182,11 +212,12 @@ fn is_highest(image: &CameraImage, x: usize, y: usize) -> bool {
     above && below
 }
 
-/// Parts the candidates into peaks and single-pixel spikes.
+/// Parts the candidates into peaks and single-pixel spikes, whose neighbours have less than `spike_share` of them.
 fn without_spikes(
     image: &CameraImage,
     background: &Background,
     threshold_sigma: f64,
+    spike_share: f64,
     candidates: &[[usize; 2]],
 ) -> (Vec<Peak>, Vec<[usize; 2]>) {
     let (width, height) = (image.width_px as usize, image.height_px as usize);
@@ -212,7 +243,7 @@ fn without_spikes(
             around.iter().filter(|(c, r)| *c < width && *r < height).map(|&(c, r)| light(c, r)).collect();
         let neighbours = inside.iter().sum::<f64>() / inside.len() as f64;
         let top = light(px, py);
-        if neighbours < SPIKE_SHARE * top {
+        if neighbours < spike_share * top {
             if !hot.contains(&pixel) {
                 hot.push(pixel);
             }

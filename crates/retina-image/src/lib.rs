@@ -31,5 +31,5 @@ mod write;
 pub use background::Background;
 pub use camera_image::CameraImage;
 pub use centroid::Centroid;
-pub use detect::{DetectOptions, Detection, LightPoint, detect_points};
+pub use detect::{Area, DetectOptions, Detection, LightPoint, detect_points, detect_points_in};
 pub use read::ReadOptions;

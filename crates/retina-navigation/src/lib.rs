@@ -7,9 +7,14 @@
 //! - [`limb`]: position of a resolved body from its limb.
 //! - [`far_range`]: the paper's experiment among the planets.
 //! - [`full_disk`]: the paper's experiment about the Moon.
+//! - [`flashes`]: flashes of impacts on a body's night side.
+//! - [`experiment`]: what experiments on rendered scenes share.
 
+pub mod experiment;
 pub mod far_range;
 pub mod filter;
+pub mod flashes;
+mod frame_lines;
 pub mod full_disk;
 pub mod image;
 pub mod limb;

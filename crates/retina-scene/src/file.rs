@@ -28,6 +28,7 @@ pub(crate) struct SceneFile {
     #[serde(default)]
     pub(crate) body: Vec<BodyTable>,
     pub(crate) stars: Option<StarsTable>,
+    pub(crate) flashes: Option<FlashesTable>,
     #[serde(default)]
     pub(crate) render: RenderTable,
     #[serde(default)]
@@ -80,6 +81,19 @@ pub(crate) struct StarsTable {
     pub(crate) catalogue: Option<PathBuf>,
     #[serde(default = "yes")]
     pub(crate) planets: bool,
+}
+
+/// `[flashes]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct FlashesTable {
+    pub(crate) exposure_s: f64,
+    pub(crate) body: Option<String>,
+    pub(crate) seen_from_m: Option<f64>,
+    pub(crate) table: Option<PathBuf>,
+    pub(crate) number: Option<usize>,
+    pub(crate) magnitudes: Option<[f64; 2]>,
+    pub(crate) durations_s: Option<[f64; 2]>,
 }
 
 /// The paper's faint limit in the wide configuration (Fig. 7).

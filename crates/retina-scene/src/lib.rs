@@ -4,17 +4,20 @@
 //! - [`SceneFrame`]: camera, bodies and Sun of one frame, as the renderer takes them.
 //! - [`Scene::truth`]: the ground truth of a frame, schema `retina.truth/1`.
 //! - [`Scene::sky`]: the stars and planets of a frame.
+//! - [`Scene::flashes_of`]: the flashes of impacts that shine during a frame.
 //! - [`FrameChecks`]: what must hold of each frame.
 //! - [`Scene::brightest_frames`]: where the brightest pixel of the sequence is to be looked for.
 
 mod brightness;
 mod checks;
 mod file;
+mod flashes;
 mod frame;
 mod inside;
 mod occult;
 mod photometry;
 mod read;
+mod read_flashes;
 mod scene;
 mod sequence;
 mod sky;
@@ -22,6 +25,7 @@ mod truth;
 
 pub use checks::FrameChecks;
 pub use file::{Compensation, Layer, PhotometryTable, Shading};
+pub use flashes::{Flash, Flashes, RandomFlashes, SeenFlash, ShownFlash};
 pub use frame::SceneFrame;
 pub use scene::{BodyParts, Display, Output, RadianceScale, Scene, SceneBody, SceneInput, SceneParts};
 pub use sky::{DisplayedPoint, PlanetPoint, ShownPoint, SkyPoint, Stars};

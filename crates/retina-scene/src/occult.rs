@@ -7,6 +7,10 @@ use retina_render::BodyState;
 
 use crate::inside::{is_inside, meets};
 
+/// A surface hit nearer than this to a place on it, in radii of the body, is the place's own: far above rounding (1e-9 of
+/// the camera's distance), far below relief.
+const OWN_SURFACE: f64 = 1e-6;
+
 /// The outline of a body, as far as it hides what is behind.
 #[derive(Debug, Clone)]
 pub(crate) struct Occulter {
@@ -55,9 +59,38 @@ impl Occulter {
         let camera_m = -(body_from_camera * at.position_camera_m);
         let direction = body_from_camera * direction_camera;
         self.triangles.par_iter().any(|corners| {
-            let corners_m = corners.map(|corner| self.corners_m[corner as usize].as_dvec3());
-            meets(corners_m, camera_m, direction).is_some_and(|met| met.distance < distance_m)
+            meets(self.corners_of(corners), camera_m, direction).is_some_and(|met| met.distance < distance_m)
         })
+    }
+
+    /// Distance from the centre of the outermost surface in a direction (unit vector, body axes), m; `None` where there
+    /// is none.
+    pub(crate) fn surface_m(&self, direction_body: DVec3) -> Option<f64> {
+        let met = |corners: &[u32; 3]| {
+            meets(self.corners_of(corners), DVec3::ZERO, direction_body).map(|met| met.distance)
+        };
+        self.triangles.par_iter().filter_map(met).reduce_with(f64::max)
+    }
+
+    /// Whether the body hides a place on its own surface (body axes, m) from the camera.
+    pub(crate) fn hides_own(&self, at: &BodyState, place_body_m: DVec3) -> bool {
+        let camera_m = -(at.camera_from_body.transpose() * at.position_camera_m);
+        let towards_m = place_body_m - camera_m;
+        let distance_m = towards_m.length();
+        let direction = towards_m / distance_m;
+        // The place itself is on a triangle: what is hit there is no hindrance.
+        let until_m = distance_m - OWN_SURFACE * self.outer_radius_m;
+        let nearest = camera_m + direction * (-camera_m.dot(direction)).clamp(0.0, until_m.max(0.0));
+        if nearest.length() < (1.0 - OWN_SURFACE) * self.inner_radius_m {
+            return true;
+        }
+        self.triangles.par_iter().any(|corners| {
+            meets(self.corners_of(corners), camera_m, direction).is_some_and(|met| met.distance < until_m)
+        })
+    }
+
+    fn corners_of(&self, corners: &[u32; 3]) -> [DVec3; 3] {
+        corners.map(|corner| self.corners_m[corner as usize].as_dvec3())
     }
 }
 

@@ -14,6 +14,7 @@ use retina_screen::Quantisation;
 use retina_sky::catalogue::StarCatalogue;
 
 use crate::file::{BodyTable, Compensation, QualityName, QuantisationName, ScaleKey, SceneFile, StarsTable};
+use crate::read_flashes::read_flashes;
 use crate::scene::{BodyParts, Display, Output, RadianceScale, Scene, SceneInput, SceneParts};
 use crate::{Stars, sequence};
 
@@ -65,6 +66,8 @@ impl Scene {
         }
         let stars =
             file.stars.as_ref().map(|table| read_stars(path, folder, table, &mut input)).transpose()?;
+        let flashes =
+            file.flashes.as_ref().map(|table| read_flashes(path, table, &names, &mut input)).transpose()?;
         let layers = file.output.layers.clone();
         Self::assemble(SceneParts {
             file: path.to_path_buf(),
@@ -81,6 +84,7 @@ impl Scene {
             response,
             bodies,
             stars,
+            flashes,
             quality: match file.render.quality {
                 QualityName::Draft => Quality::Draft,
                 QualityName::Default => Quality::Default,

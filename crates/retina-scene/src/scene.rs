@@ -11,10 +11,10 @@ use retina_render::{BodyModel, Quality};
 use retina_screen::{PlainDisplay, Quantisation};
 use retina_sky::Trajectory;
 
-use crate::Stars;
 use crate::checks;
 use crate::file::{Compensation, Layer};
 use crate::occult::Occulter;
+use crate::{Flashes, Stars};
 
 /// A frame's name has six digits.
 const MOST_FRAMES: usize = 1_000_000;
@@ -44,6 +44,8 @@ pub struct Scene {
     pub bodies: Vec<SceneBody>,
     /// Stars and planets, where they are shown.
     pub stars: Option<Stars>,
+    /// Flashes of impacts, where they are shown.
+    pub flashes: Option<Flashes>,
     /// How finely a frame is sampled.
     pub quality: Quality,
     /// Beside the screen images.
@@ -56,6 +58,8 @@ pub struct Scene {
     pub inputs: Vec<SceneInput>,
     pub(crate) models: Vec<BodyModel>,
     pub(crate) occulters: Vec<Occulter>,
+    /// Places of the listed flashes on their bodies, body axes, m.
+    pub(crate) flash_sites_m: Vec<DVec3>,
 }
 
 /// What shows a scene.
@@ -84,6 +88,7 @@ pub struct SceneParts {
     pub response: Option<ScreenResponse>,
     pub bodies: Vec<BodyParts>,
     pub stars: Option<Stars>,
+    pub flashes: Option<Flashes>,
     pub quality: Quality,
     pub output: Output,
     pub seed: u64,
@@ -195,9 +200,12 @@ impl Scene {
             inputs: parts.inputs,
             models,
             stars: parts.stars,
+            flashes: parts.flashes,
             occulters: Vec::new(),
+            flash_sites_m: Vec::new(),
         };
         scene.find_occulters();
+        scene.find_flash_sites()?;
         checks::all_frames(&scene)?;
         Ok(scene)
     }

@@ -149,9 +149,9 @@ impl Scene {
         bodies.any(|(body, at)| body.hides(at, direction_camera, distance_m))
     }
 
-    /// The bodies' outlines, where there is a sky for them to hide.
+    /// The bodies' outlines, where there is a sky or a flash for them to hide.
     pub(crate) fn find_occulters(&mut self) {
-        if self.stars.is_some() {
+        if self.stars.is_some() || self.flashes.is_some() {
             let outlines = self.models.iter().zip(&self.bodies);
             self.occulters =
                 outlines.map(|(model, body)| Occulter::of(&model.shape, body.bounding_radius_m)).collect();

@@ -2,20 +2,22 @@
 
 use glam::DQuat;
 use retina_geometry::{LimbEllipse, limb_ellipse};
+use retina_radiometry::magnitude_of_irradiance;
 use retina_sky::time::format_epoch_tdb;
 use serde_json::{Map, Value, json};
 
-use crate::{DisplayedPoint, Scene, SceneFrame, ShownPoint};
+use crate::{DisplayedPoint, Scene, SceneFrame, ShownFlash, ShownPoint};
 
 impl Scene {
-    /// The ground truth of a frame shown at `radiance_scale`, with the point sources that were drawn and
-    /// what is shown of a body that is one of them, as the JSON document's value.
+    /// The ground truth of a frame shown at `radiance_scale`, with the point sources and the flashes that
+    /// were drawn and what is shown of a body that is one of them, as the JSON document's value.
     /// Numbers are printed so that reading them gives the same bits.
     pub fn truth(
         &self,
         frame: &SceneFrame,
         radiance_scale: f64,
         stars: &[ShownPoint],
+        flashes: &[ShownFlash],
         unresolved: Option<DisplayedPoint>,
     ) -> Value {
         let image = self.image;
@@ -43,7 +45,7 @@ impl Scene {
             }
             bodies.insert(body.name.clone(), entry);
         }
-        json!({
+        let mut truth = json!({
             "schema": "retina.truth/1",
             "frame": frame.index,
             "time_s": frame.time_s,
@@ -59,6 +61,39 @@ impl Scene {
             "camera_position_m": frame.camera_position_m.to_array(),
             "camera_velocity_m_s": frame.camera_velocity_m_s.map(|v| v.to_array()),
             "stars": stars.iter().map(star).collect::<Vec<Value>>(),
+        });
+        if let (Some(of), Some(truth)) = (&self.flashes, truth.as_object_mut()) {
+            let flashes: Vec<Value> = flashes.iter().map(|shown| self.flash(shown, radiance_scale)).collect();
+            truth.insert("exposure_s".into(), json!(of.exposure_s));
+            truth.insert("flashes".into(), json!(flashes));
+        }
+        truth
+    }
+
+    fn flash(&self, shown: &ShownFlash, radiance_scale: f64) -> Value {
+        let (seen, flash) = (&shown.seen, &shown.seen.flash);
+        json!({
+            "id": flash.id,
+            "body": self.bodies[flash.body].name,
+            "time_s": flash.time_s,
+            "duration_s": flash.duration_s,
+            "latitude_deg": flash.latitude_rad.to_degrees(),
+            "longitude_deg": flash.longitude_rad.to_degrees(),
+            "position_camera_m": seen.position_camera_m.to_array(),
+            "line_of_sight": seen.line_of_sight.map(|r| r.to_array()),
+            "position_px": seen.line_of_sight.map(|r| self.image.pixel(r).to_array()),
+            "screen_px": shown.screen_px.map(|p| p.to_array()),
+            "magnitude": seen.magnitude,
+            "exposure_share": seen.share,
+            "mean_irradiance_w_m2_nm": seen.mean_irradiance_w_m2_nm,
+            "mean_magnitude": magnitude_of_irradiance(seen.mean_irradiance_w_m2_nm),
+            "wanted_magnitude": magnitude_of_irradiance(seen.mean_irradiance_w_m2_nm * radiance_scale),
+            "hidden": seen.hidden,
+            "shown": shown.displayed.is_some(),
+            "displayed_px": shown.displayed.map(|d| d.barycentre_px.to_array()),
+            "displayed_magnitude": shown.displayed.map(|d| d.magnitude),
+            "pixels": shown.displayed.map_or(0, |d| d.pixels),
+            "blended": shown.displayed.is_some_and(|d| d.blended),
         })
     }
 }

@@ -27,13 +27,13 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Only frames A to B, counted from 0, B excluded.
-    #[arg(long, value_name = "A..B")]
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     frames: Option<FrameRange>,
     /// Only every K-th frame, from the first.
     #[arg(long, value_name = "K")]
     every: Option<usize>,
     /// Only the frames whose number is I modulo N.
-    #[arg(long, value_name = "I/N")]
+    #[arg(long, value_name = "I/N", allow_hyphen_values = true)]
     shard: Option<Shard>,
     /// Keep the finished frames of an earlier run of the same scene and make the others.
     #[arg(long)]

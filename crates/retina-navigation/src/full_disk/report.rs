@@ -80,6 +80,45 @@ fn three(values: [f64; 3]) -> String {
     format!("{}, {}, {}", cell(values[0]), cell(values[1]), cell(values[2]))
 }
 
+/// Normalised errors squared beyond this times their number are no chance, and no slightly wrong model either.
+const MOST_NEES_RATIO: f64 = 9.0;
+
+/// What a sequence's figures say is wrong with it.
+pub fn warnings(sequences: &[Sequence]) -> Vec<String> {
+    let mut out = Vec::new();
+    for sequence in sequences {
+        let (label, s) = (&sequence.label, &sequence.summary);
+        if s.solved > 0 && s.nees_ratio > MOST_NEES_RATIO {
+            out.push(format!(
+                "{label}: errors are {:.0} times what their covariances allow (NEES / 3 = {:.1}; Z off by {:.0} km on \
+                 average, the limb by {:.0} m): images, setup, calibration and body do not belong together. Photographs \
+                 that hold the facility's distortion need the calibration that was measured on that facility (of the \
+                 virtual bench: `retina simulate points --images`, `retina calibrate geometry`; the ones that ship are \
+                 not its own); compensated ones, one like it when they are rendered",
+                s.nees_ratio.sqrt(),
+                s.nees_ratio,
+                s.bias_km[2],
+                s.height_m[0],
+            ));
+        }
+        if let Ok(filter) = &sequence.filter
+            && !(filter.nis_bounds[0]..=filter.nis_bounds[1]).contains(&filter.nis_mean)
+        {
+            let [low, high] = filter.nis_bounds;
+            let why = if filter.nis_mean > high {
+                "measurements scatter more than the filter expects: their covariance or the unknown acceleration is too small"
+            } else {
+                "measurements scatter less than the filter expects: their covariance or the unknown acceleration is too large"
+            };
+            out.push(format!(
+                "{label}: the filter's mean NIS of {:.2} is outside its 99 % bounds, {low:.2} to {high:.2}: {why}",
+                filter.nis_mean
+            ));
+        }
+    }
+    out
+}
+
 const HEADINGS: [&str; 10] = [
     "images",
     "solved",

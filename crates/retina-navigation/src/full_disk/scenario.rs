@@ -7,6 +7,7 @@ use retina_files::{InputError, hash_bytes, hash_file, read_text};
 use serde::Deserialize;
 
 use super::filter::FilterOptions;
+use crate::experiment::Campaign;
 
 /// The experiment.
 #[derive(Debug, Clone)]
@@ -29,22 +30,6 @@ pub struct FullDiskScenario {
     pub filter: FilterOptions,
     /// Hash of the file and of all that it names.
     pub hash: String,
-}
-
-/// The calibration's campaign of points.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Campaign {
-    /// Exposures.
-    pub exposures: usize,
-    /// Points in each.
-    pub points: usize,
-}
-
-impl Default for Campaign {
-    fn default() -> Self {
-        Self { exposures: 40, points: 50 }
-    }
 }
 
 /// What is known of the limb and the attitude.

@@ -1,22 +1,16 @@
 //! A sequence of frames, each measured by its limb; resumable.
 
 use std::collections::BTreeMap;
-use std::fs::OpenOptions;
-use std::io::Write as _;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
-use retina_files::{InputError, read_text, write_atomic};
+use retina_files::InputError;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 
 use super::source::Source;
 use super::truth::FrameTruth;
+use crate::frame_lines::{FrameLine, measure_frames};
 use crate::limb::{LimbOptions, solve_limb};
-
-/// Frames between two writes of the list.
-const CHUNK: usize = 8;
 
 /// A position that a frame gave.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -136,6 +130,16 @@ fn result(
     }
 }
 
+impl FrameLine for FrameResult {
+    fn frame(&self) -> usize {
+        self.frame
+    }
+
+    fn inputs(&self) -> &str {
+        &self.inputs
+    }
+}
+
 /// Measures the frames of a source that are not yet in `list` (a `frames.jsonl`), and returns all of them in order;
 /// without a list nothing is kept. `progress` hears how many are done.
 ///
@@ -146,76 +150,8 @@ pub fn navigate_sequence(
     list: Option<&Path>,
     progress: &mut dyn FnMut(usize),
 ) -> Result<Vec<FrameResult>, InputError> {
-    let mut done = list.map_or(Ok(BTreeMap::new()), |list| read_done(list, source))?;
-    let mut missing = Vec::new();
-    for &frame in &source.frames {
-        let same = match done.get(&frame) {
-            Some(result) => result.inputs == source.frame_hash(frame)?,
-            None => false,
-        };
-        if !same {
-            missing.push(frame);
-        }
-    }
-    progress(source.frames.len() - missing.len());
-    let mut finished = source.frames.len() - missing.len();
-    for chunk in missing.chunks(CHUNK) {
-        let results: Vec<FrameResult> =
-            chunk.par_iter().map(|&frame| navigate_frame(source, frame)).collect::<Result<_, _>>()?;
-        let mut text = String::new();
-        for result in results {
-            text.push_str(&line(&result));
-            done.insert(result.frame, result);
-        }
-        if let Some(list) = list {
-            let cannot = |error: std::io::Error| InputError::new(list, format!("cannot be written: {error}"));
-            let mut file = OpenOptions::new().append(true).open(list).map_err(cannot)?;
-            file.write_all(text.as_bytes()).map_err(cannot)?;
-        }
-        finished += chunk.len();
-        progress(finished);
-    }
-    Ok(source.frames.iter().filter_map(|frame| done.remove(frame)).collect())
-}
-
-fn line(result: &FrameResult) -> String {
-    // A number that is not finite becomes `null`; none of them is one where there is a position.
-    serde_json::to_string(result).map(|text| text + "\n").unwrap_or_default()
-}
-
-/// The frames that are done; the list is begun where there is none. A last line that was cut short is left out, and so
-/// are frames that were measured twice but for the last.
-fn read_done(path: &Path, source: &Source) -> Result<BTreeMap<usize, FrameResult>, InputError> {
-    let header = json!({"schema": "retina.navigation-full-disk/1", "sequence": source.hash});
-    let cannot = |error: std::io::Error| InputError::new(path, format!("cannot be written: {error}"));
-    if !path.exists() {
-        write_atomic(path, format!("{header}\n").as_bytes()).map_err(cannot)?;
-        return Ok(BTreeMap::new());
-    }
-    let text = read_text(path)?;
-    let found: Option<serde_json::Value> =
-        text.lines().next().and_then(|line| serde_json::from_str(line).ok());
-    if found.as_ref() != Some(&header) {
-        return Err(InputError::new(
-            path,
-            "the folder holds frames of another sequence, or measured otherwise",
-        )
-        .line(1)
-        .help("give --out another folder, or take this one away"));
-    }
-    let whole = if text.ends_with('\n') { usize::MAX } else { text.lines().count() - 1 };
-    let mut done = BTreeMap::new();
-    for (number, line) in text.lines().enumerate().skip(1).take_while(|(number, _)| *number < whole) {
-        let result: FrameResult = serde_json::from_str(line).map_err(|error| {
-            InputError::new(path, format!("is not a frame's result: {error}")).line(number + 1)
-        })?;
-        done.insert(result.frame, result);
-    }
-    if whole != usize::MAX {
-        let kept: String = done.values().map(line).collect();
-        write_atomic(path, format!("{header}\n{kept}").as_bytes()).map_err(cannot)?;
-    }
-    Ok(done)
+    let of = ("retina.navigation-full-disk/1", &source.hash[..]);
+    measure_frames(source, of, list, |frame| navigate_frame(source, frame), progress)
 }
 
 /// Rates and distributions of a sequence.

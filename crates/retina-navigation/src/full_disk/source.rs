@@ -63,7 +63,9 @@ pub struct Source {
     pub notes: Vec<String>,
     /// Linear light of each digital count over that of the largest; of screen images.
     light: Vec<f32>,
-    setup: Option<Setup>,
+    /// Light of the largest count, where the facility is known; of screen images, W m^-2 nm^-1 at the pupil.
+    pub(crate) full_w_m2_nm: Option<f64>,
+    pub(crate) setup: Option<Setup>,
 }
 
 /// A line of `manifest.jsonl`, as far as it is needed.
@@ -75,7 +77,7 @@ struct ManifestLine {
 }
 
 /// Digital numbers that linearised light is given in: its rounding is far below any noise.
-const LINEAR_FULL_SCALE_DN: f32 = 65_535.0;
+pub(crate) const LINEAR_FULL_SCALE_DN: f32 = 65_535.0;
 
 fn number(path: &Path) -> Option<usize> {
     path.file_stem()?.to_str()?.parse().ok()
@@ -137,22 +139,23 @@ impl Source {
                 .help("finish the images, or choose frames by --frames"));
         }
         let truth = FrameTruth::read(&truth_path(&choice.dir, frames[0]), choice.body.as_deref())?;
-        check_manifest(&choice, &frames, truth.compensated, kind)?;
+        check_manifest(&choice, &frames, truth.compensated, kind, &mut notes)?;
         if kind == ImageKind::Camera {
             check_screens(&choice, &folder, &mut notes)?;
         }
         let setup = choice.setup.as_ref().map(|path| Setup::read(path)).transpose()?;
         let (camera, calibration) = camera(&choice, kind, &truth, setup.as_ref(), &mut notes)?;
-        let light = match kind {
+        let (light, full_w_m2_nm) = match kind {
             ImageKind::Screen => linear_light(&choice, setup.as_ref(), calibration.as_deref(), &mut notes)?,
-            ImageKind::Camera => Vec::new(),
+            ImageKind::Camera => (Vec::new(), None),
         };
         let mut text =
             format!("{kind:?} {:?} {} {:?} {camera:?}", choice.limb, choice.pointing_sigma_rad, choice.body);
         for path in [&choice.setup, &calibration].into_iter().flatten() {
             text.push_str(&read_text(path)?);
         }
-        Ok(Self { kind, camera, frames, hash: hash_bytes(text.as_bytes()), notes, light, setup, choice })
+        let hash = hash_bytes(text.as_bytes());
+        Ok(Self { kind, camera, frames, hash, notes, light, full_w_m2_nm, setup, choice })
     }
 
     /// A frame's truth.
@@ -181,7 +184,7 @@ impl Source {
         Ok(hash_bytes(format!("{image} {truth}").as_bytes()))
     }
 
-    fn image_path(&self, frame: usize) -> Result<PathBuf, InputError> {
+    pub(crate) fn image_path(&self, frame: usize) -> Result<PathBuf, InputError> {
         let folder = images_folder(&self.choice, self.kind)?;
         let exr = folder.join(format!("{frame:06}.exr"));
         let png = folder.join(format!("{frame:06}.png"));
@@ -201,8 +204,10 @@ impl Source {
             }
             ImageKind::Screen if path.extension().is_some_and(|e| e == "exr") => radiance(&path)?,
             ImageKind::Screen => {
-                let mut image =
-                    CameraImage::read(&path, ReadOptions { bits: Some(8), colour_to_grey: true })?;
+                let read = CameraImage::read(&path, ReadOptions { bits: Some(8), colour_to_grey: true });
+                let mut image = read.map_err(|error| {
+                    error.help("a screen image has 8 bits: --kind camera and --setup are for photographs")
+                })?;
                 for value in &mut image.values {
                     *value = LINEAR_FULL_SCALE_DN * self.light[*value as usize];
                 }
@@ -221,7 +226,7 @@ impl Source {
     }
 }
 
-pub(super) fn truth_path(dir: &Path, frame: usize) -> PathBuf {
+pub(crate) fn truth_path(dir: &Path, frame: usize) -> PathBuf {
     dir.join(format!("truth/{frame:06}.json"))
 }
 
@@ -246,9 +251,14 @@ fn check_manifest(
     frames: &[usize],
     compensated: bool,
     kind: ImageKind,
+    notes: &mut Vec<String>,
 ) -> Result<(), InputError> {
     let path = choice.dir.join("manifest.jsonl");
     if !path.is_file() {
+        notes.push(format!(
+            "{}: there is no manifest.jsonl: whether images and truth are of one rendering is not known",
+            choice.dir.display()
+        ));
         return Ok(());
     }
     let text = read_text(&path)?;
@@ -394,13 +404,13 @@ fn camera(
     }
 }
 
-/// Linear light of each digital count: the response measured with the calibration, or the setup's power law.
+/// Linear light of each digital count, and that of the largest where it is known: the response measured with the calibration, or the setup's power law.
 fn linear_light(
     choice: &SourceChoice,
     setup: Option<&Setup>,
     calibration: Option<&Path>,
     notes: &mut Vec<String>,
-) -> Result<Vec<f32>, InputError> {
+) -> Result<(Vec<f32>, Option<f64>), InputError> {
     let named = calibration.or(choice.calibration.as_deref());
     let measured = match (setup, named) {
         (Some(setup), Some(path)) => screen_response(path, setup)?,
@@ -414,7 +424,8 @@ fn linear_light(
         }
     });
     let full = response.brightest_w_m2_nm();
-    Ok((0..=255u8).map(|count| (response.irradiance_w_m2_nm([count; 3]) / full) as f32).collect())
+    let light = (0..=255u8).map(|count| (response.irradiance_w_m2_nm([count; 3]) / full) as f32).collect();
+    Ok((light, setup.map(|_| full)))
 }
 
 /// The channel `Y` of a linear EXR, scaled to digital numbers.

@@ -56,7 +56,7 @@ fn sky(image: &CameraImage) -> [f64; 2] {
         for left in (0..width).step_by(32) {
             sample.clear();
             steps.clear();
-            for row in (top..(top + 32).min(height)).step_by(2) {
+            for row in (top..(top + 32).min(height)).step_by(4) {
                 let cells = &image.row(row)[left..(left + 32).min(width)];
                 sample.extend(cells.iter().step_by(2));
                 // Differences of neighbours: a gradient is no noise.
@@ -233,11 +233,13 @@ fn circle(points: &[DVec2], cut: bool) -> Option<(DVec2, f64)> {
             continue;
         }
         let tolerance = 1.0 + 0.004 * radius;
+        // Squares of the distances to the ring's edges: no root a point.
+        let [inner, outer] = [(radius - tolerance).max(0.0).powi(2), (radius + tolerance).powi(2)];
         let score: f64 = points
             .iter()
-            .map(|point| match point.distance(center) - radius {
-                off if off.abs() < tolerance => 1.0,
-                off if off > 0.0 => -2.0,
+            .map(|point| match point.distance_squared(center) {
+                far if far >= outer => -2.0,
+                on if on > inner => 1.0,
                 _ => 0.0,
             })
             .sum();

@@ -26,6 +26,8 @@ const MOST_SATURATED_PIECE: f64 = 0.8;
 const LEAST_FOUND: f64 = 0.5;
 /// Pixels to either side of the limb that the blur is found from.
 const BLUR_WINDOW_PX: f64 = 8.0;
+/// The golden section's larger part.
+const GOLDEN: f64 = 0.618_033_988_75;
 /// A blur above this share of the window is looked at in twice the window.
 const WIDE_BLUR: f64 = 0.25;
 /// What a PSF that is no Gaussian, and an error of its width, may shift all edges by: along the normal, px. An
@@ -248,7 +250,7 @@ fn lit_side(points: &[Measured], whole: &Fit, camera: &LimbCamera, body: &LimbBo
 /// The blur that fits the edges of a sample of nodes best, px; `None` where it is wider than any that is tried.
 fn blur(image: &CameraImage, nodes: &[Node], half_width_px: f64, seen: &Coarse) -> Option<f64> {
     let step = (nodes.len() / 48).max(1);
-    let sample: Vec<(Node, Vec<Sample>, f64)> = nodes
+    let mut sample: Vec<(Node, Vec<Sample>, f64)> = nodes
         .iter()
         .step_by(step)
         .filter_map(|node| {
@@ -260,30 +262,53 @@ fn blur(image: &CameraImage, nodes: &[Node], half_width_px: f64, seen: &Coarse) 
     if sample.len() < 4 {
         return None;
     }
-    // Medians over the nodes: a crater's edge in one does not decide.
-    let misfit = |blur_px: f64| {
+    // Medians over the nodes: a crater's edge in one does not decide. Each fit begins where the one before ended.
+    let mut misfit = |blur_px: f64| {
         let mut each: Vec<f64> = sample
-            .iter()
+            .iter_mut()
             .map(|(node, samples, start)| {
-                fit_edge(node, samples, *start, half_width_px, blur_px, seen.noise_dn)
-                    .map_or(f64::INFINITY, |edge| edge.misfit.0 / edge.misfit.1 as f64)
+                match fit_edge(node, samples, *start, half_width_px, blur_px, seen.noise_dn) {
+                    None => f64::INFINITY,
+                    Some(edge) => {
+                        *start = edge.blurred_shift_px;
+                        edge.misfit.0 / edge.misfit.1 as f64
+                    }
+                }
             })
             .collect();
         let middle = each.len() / 2;
         *each.select_nth_unstable_by(middle, f64::total_cmp).1
     };
-    let misfits: Vec<f64> = BLURS_PX.par_iter().map(|&blur_px| misfit(blur_px)).collect();
-    let best = (0..BLURS_PX.len()).min_by(|&a, &b| misfits[a].total_cmp(&misfits[b]))?;
+    let mut misfits = [f64::INFINITY; BLURS_PX.len()];
+    let mut best = 0;
+    for (k, blur_px) in BLURS_PX.into_iter().enumerate() {
+        misfits[k] = misfit(blur_px);
+        if misfits[k] < misfits[best] {
+            best = k;
+        }
+        // Three steps beyond the best fit, and far worse: wider ones are worse still.
+        if k >= best + 3 && misfits[k] > 2.0 * misfits[best] {
+            break;
+        }
+    }
     if !misfits[best].is_finite() || best + 1 == BLURS_PX.len() {
         return None;
     }
-    // Narrowed down between its neighbours, in the logarithm.
-    let mut low = BLURS_PX[best.saturating_sub(1)].ln();
-    let mut high = BLURS_PX[best + 1].ln();
-    for _ in 0..10 {
-        let third = (high - low) / 3.0;
-        let (left, right) = rayon::join(|| misfit((low + third).exp()), || misfit((high - third).exp()));
-        if left < right { high -= third } else { low += third }
+    // Narrowed down between its neighbours, in the logarithm, by golden sections: to 1.5 % in nine.
+    let (mut low, mut high) = (BLURS_PX[best.saturating_sub(1)].ln(), BLURS_PX[best + 1].ln());
+    let inner = |low: f64, high: f64| [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
+    let [mut left, mut right] = inner(low, high);
+    let [mut at_left, mut at_right] = [misfit(left.exp()), misfit(right.exp())];
+    for _ in 0..8 {
+        if at_left < at_right {
+            (high, right, at_right) = (right, left, at_left);
+            left = inner(low, high)[0];
+            at_left = misfit(left.exp());
+        } else {
+            (low, left, at_left) = (left, right, at_right);
+            right = inner(low, high)[1];
+            at_right = misfit(right.exp());
+        }
     }
     Some((0.5 * (low + high)).exp())
 }

@@ -1,19 +1,18 @@
 //! `retina navigate full-disk`.
 
-use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
-use indicatif::ProgressBar;
 use retina_batch::{FrameRange, Selection, Shard};
-use retina_files::{InputError, write_atomic};
+use retina_files::InputError;
+use retina_navigation::experiment::Watcher as _;
 use retina_navigation::full_disk::{
-    FilterOptions, FullDiskError, FullDiskScenario, ImageKind, Source, SourceChoice, Watcher, figure_15,
-    navigate, report, run_scenario,
+    FilterOptions, FullDiskScenario, ImageKind, Source, SourceChoice, figure_15, navigate, report,
+    run_scenario,
 };
 use retina_navigation::limb::LimbOptions;
 use serde_json::Value;
 
+use super::steps::{Steps, results_folder, results_name, write};
 use crate::command::Backend;
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines, tell};
@@ -48,10 +47,10 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "NAME")]
     body: Option<String>,
     /// Only frames A to B, counted from 0, B excluded.
-    #[arg(long, value_name = "A..B")]
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     frames: Option<FrameRange>,
     /// Only the frames whose number is I modulo N.
-    #[arg(long, value_name = "I/N")]
+    #[arg(long, value_name = "I/N", allow_hyphen_values = true)]
     shard: Option<Shard>,
     /// Mean height of the seen limb above the reference surface, m.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
@@ -85,77 +84,6 @@ fn not_negative(text: &str) -> Result<f64, String> {
     }
 }
 
-impl From<FullDiskError> for Failure {
-    fn from(error: FullDiskError) -> Self {
-        match error {
-            FullDiskError::Input(error) => error.into(),
-            FullDiskError::Bench(error) => error.into(),
-            FullDiskError::Batch(error) => error.into(),
-        }
-    }
-}
-
-/// A bar a step on a terminal, a line now and then elsewhere.
-struct Steps {
-    name: String,
-    bar: Option<ProgressBar>,
-    start: Instant,
-    first: usize,
-    last_line: Instant,
-}
-
-/// Time between lines where standard error is no terminal.
-const LINE_INTERVAL: Duration = Duration::from_secs(10);
-
-impl Steps {
-    fn new() -> Self {
-        let now = Instant::now();
-        Self { name: String::new(), bar: None, start: now, first: 0, last_line: now }
-    }
-
-    fn finish(&mut self) {
-        if let Some(bar) = self.bar.take() {
-            bar.finish_and_clear();
-        }
-    }
-}
-
-impl Watcher for Steps {
-    fn note(&mut self, text: &str) {
-        match &self.bar {
-            Some(bar) => bar.suspend(|| tell!("{text}")),
-            None => tell!("{text}"),
-        }
-    }
-
-    fn step(&mut self, name: &str) {
-        self.finish();
-        name.clone_into(&mut self.name);
-        tell!("{name}");
-        let now = Instant::now();
-        (self.start, self.first, self.last_line) = (now, usize::MAX, now);
-        self.bar = std::io::stderr().is_terminal().then(|| crate::progress::counter(0, "done"));
-    }
-
-    fn done(&mut self, done: usize, all: usize) {
-        if let Some(bar) = &self.bar {
-            bar.set_length(all as u64);
-            bar.set_position(done as u64);
-            return;
-        }
-        if self.first == usize::MAX {
-            // What was there already took no time.
-            (self.first, self.start) = (done, Instant::now());
-        }
-        if self.last_line.elapsed() < LINE_INTERVAL || done <= self.first {
-            return;
-        }
-        self.last_line = Instant::now();
-        let rate = (done - self.first) as f64 / self.start.elapsed().as_secs_f64();
-        tell!("{}: {done}/{all}, {:.0} s left", self.name, (all - done) as f64 / rate);
-    }
-}
-
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.report.as_ref().map_or(Ok(()), |path| crate::check_file(path, "html"))?;
     if arguments.input.extension().is_some_and(|extension| extension == "toml") {
@@ -165,8 +93,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let list = match &arguments.out {
         None => None,
         Some(out) => {
-            std::fs::create_dir_all(out)
-                .map_err(|error| InputError::new(out, format!("the folder cannot be made: {error}")))?;
+            results_folder(out, &arguments.input)?;
             Some(out.join("frames.jsonl"))
         }
     };
@@ -180,9 +107,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     steps.finish();
     let document = report::document(&source, &sequence);
     if let Some(out) = &arguments.out {
-        write(out, "full-disk.json", &format!("{document:#}\n"))?;
+        let name = results_name("full-disk", arguments.frames, arguments.shard);
+        write(out, &format!("{name}.json"), &format!("{document:#}\n"))?;
     }
     let sequences = [sequence];
+    report::warnings(&sequences).iter().for_each(|warning| tell!("{warning}"));
     if let Some(path) = &arguments.report {
         report::page(&format!("Full-disk navigation: {label}"), &sequences, &source.notes).write(path)?;
     }
@@ -216,6 +145,7 @@ fn scenario(arguments: &Arguments) -> Result<(), Failure> {
     let result = run_scenario(&scenario, out, arguments.backend.into(), &mut steps);
     steps.finish();
     let sequences = result?;
+    report::warnings(&sequences).iter().for_each(|warning| tell!("{warning}"));
     let shown: Vec<_> = sequences.iter().map(report::Sequence::shown).collect();
     write(out, "figure-15.svg", &figure_15(&shown, true))?;
     let document = report::scenario_document(&sequences);
@@ -273,10 +203,4 @@ impl Arguments {
             pointing_sigma_rad: (self.pointing_sigma_arcsec.unwrap_or(jitter_arcsec) / 3600.0).to_radians(),
         })
     }
-}
-
-fn write(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
-    let path = folder.join(name);
-    write_atomic(&path, text.as_bytes())
-        .map_err(|error| InputError::new(&path, format!("cannot be written: {error}")).into())
 }

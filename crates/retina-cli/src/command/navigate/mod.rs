@@ -1,8 +1,10 @@
 //! `retina navigate`.
 
 mod far_range;
+mod flashes;
 mod full_disk;
 mod stars;
+mod steps;
 
 use crate::failure::Failure;
 
@@ -15,6 +17,8 @@ pub(crate) enum Command {
     FarRange(far_range::Arguments),
     /// Measures a resolved body by its limb over a rendered sequence, or runs the paper's LUMIO experiment.
     FullDisk(full_disk::Arguments),
+    /// Finds flashes of impacts on a body's night side over a rendered sequence, or runs the whole experiment.
+    Flashes(flashes::Arguments),
 }
 
 pub(crate) fn run(command: &Command) -> Result<(), Failure> {
@@ -22,5 +26,6 @@ pub(crate) fn run(command: &Command) -> Result<(), Failure> {
         Command::Stars(arguments) => stars::run(arguments),
         Command::FarRange(arguments) => far_range::run(arguments),
         Command::FullDisk(arguments) => full_disk::run(arguments),
+        Command::Flashes(arguments) => flashes::run(arguments),
     }
 }

@@ -1,0 +1,252 @@
+//! A scene through the facility: a calibration measured on the bench, screen images, and their photographs. What is
+//! finished is kept.
+
+use std::path::{Path, PathBuf};
+
+use retina_batch::{BackendChoice, Batch, BatchError, Options, Progress as BatchProgress, Selection};
+use retina_bench::{Bench, BenchError, Exposure, OpticsDetail, ScreenImage};
+use retina_calibration::geometry::{self, CalibrateOptions, calibrate};
+use retina_campaign::{
+    Facility, FramesOptions, PointsOptions, Table, TemperatureProfile, simulate_frames, simulate_points,
+};
+use retina_files::{InputError, read_text, write_atomic};
+use retina_geometry::Setup;
+use retina_scene::{Compensation, Display, Scene};
+use serde::Deserialize;
+use thiserror::Error;
+
+/// What ends the experiment.
+#[derive(Debug, Error)]
+pub enum ExperimentError {
+    /// Input that does not fit.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// The bench.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// Rendering.
+    #[error(transparent)]
+    Batch(#[from] BatchError),
+}
+
+/// Is told how far the experiment is.
+pub trait Watcher {
+    /// Something the user should know.
+    fn note(&mut self, text: &str);
+    /// A step begins.
+    fn step(&mut self, name: &str);
+    /// So many of it are done.
+    fn done(&mut self, done: usize, all: usize);
+}
+
+/// A watcher as the renderer's observer.
+struct Rendering<'a>(&'a mut dyn Watcher);
+
+impl retina_batch::Observer for Rendering<'_> {
+    fn note(&mut self, text: &str) {
+        self.0.note(text);
+    }
+
+    fn progress(&mut self, progress: BatchProgress) {
+        self.0.done(progress.done, progress.to_do);
+    }
+}
+
+/// Says of which scenario a folder is.
+const MARK: &str = "made-from.txt";
+
+/// The calibration's campaign of points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Campaign {
+    /// Exposures.
+    pub exposures: usize,
+    /// Points in each.
+    pub points: usize,
+}
+
+impl Default for Campaign {
+    fn default() -> Self {
+        Self { exposures: 40, points: 50 }
+    }
+}
+
+/// A scene's way through the facility, and the folder that keeps it.
+pub(crate) struct Chain<'a> {
+    /// The scene's facility.
+    pub(crate) setup: Setup,
+    /// The calibration that screens are compensated by.
+    pub(crate) calibration: PathBuf,
+    scene: Scene,
+    selection: Selection,
+    seed: u64,
+    out: &'a Path,
+    backend: BackendChoice,
+}
+
+/// What a chain is made of.
+pub(crate) struct ChainChoice<'a> {
+    /// The scene; its compensation is replaced.
+    pub(crate) scene: &'a Path,
+    /// Which of its frames.
+    pub(crate) selection: Selection,
+    /// Seed of the bench.
+    pub(crate) seed: u64,
+    /// The bench's calibration; it is measured where absent.
+    pub(crate) calibration: Option<&'a Path>,
+    /// How it is measured.
+    pub(crate) campaign: Campaign,
+    /// Of the scenario: the folder is that one's alone.
+    pub(crate) hash: &'a str,
+    /// The folder.
+    pub(crate) out: &'a Path,
+    /// What renders.
+    pub(crate) backend: BackendChoice,
+}
+
+impl<'a> Chain<'a> {
+    /// Reads the scene, claims the folder, and calibrates the bench where that is not done.
+    ///
+    /// # Errors
+    /// Something does not fit, the folder is another scenario's, or the calibration fails.
+    pub(crate) fn open(choice: ChainChoice<'a>, watcher: &mut dyn Watcher) -> Result<Self, ExperimentError> {
+        let ChainChoice { out, seed, selection, backend, .. } = choice;
+        let scene = Scene::read(choice.scene)?;
+        let Display::Facility(setup) = scene.display.clone() else {
+            return Err(InputError::new(choice.scene, "shows no facility").into());
+        };
+        selection.frames(scene.frame_count())?;
+        std::fs::create_dir_all(out)
+            .map_err(|error| InputError::new(out, format!("the folder cannot be made: {error}")))?;
+        claim(out, choice.hash)?;
+        let calibration = match choice.calibration {
+            Some(own) => own.to_path_buf(),
+            None => measured_calibration(choice.campaign, seed, &setup, out, watcher)?,
+        };
+        Ok(Self { setup, calibration, scene, selection, seed, out, backend })
+    }
+
+    /// The scene.
+    pub(crate) fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Renders the screens of a mode into `out/screen/NAME`; gives that folder.
+    ///
+    /// # Errors
+    /// The calibration is not the setup's, or rendering fails.
+    pub(crate) fn screens(
+        &self,
+        name: &str,
+        mode: Compensation,
+        watcher: &mut dyn Watcher,
+    ) -> Result<PathBuf, ExperimentError> {
+        watcher.step(&format!("rendering, {}", mode.name()));
+        let dir = self.out.join("screen").join(name);
+        let options = Options {
+            dir: dir.clone(),
+            selection: self.selection,
+            resume: true,
+            backend: self.backend,
+            quality: None,
+        };
+        let compensated = self.scene.clone().with_compensation(mode, &self.calibration)?;
+        Batch::new(compensated, options).run(&mut Rendering(watcher))?;
+        Ok(dir)
+    }
+
+    /// The facility that photographs.
+    ///
+    /// # Errors
+    /// As [`Facility::new`].
+    pub(crate) fn facility(&self) -> Result<Facility, InputError> {
+        Facility::new(&self.setup, &[], Table::Frames, f64::MAX, self.seed)
+    }
+
+    /// Photographs the screens of a folder into `out/bench/NAME`; gives that folder.
+    ///
+    /// # Errors
+    /// The bench refuses them, or a file cannot be written.
+    pub(crate) fn photographs(
+        &self,
+        facility: &Facility,
+        screens: &Path,
+        exposure_s: f64,
+        watcher: &mut dyn Watcher,
+    ) -> Result<PathBuf, ExperimentError> {
+        let name = screens.file_name().unwrap_or_default();
+        watcher.step(&format!("photographing, {}", name.to_string_lossy()));
+        let options = FramesOptions {
+            screens: screens.to_path_buf(),
+            exposure_s: Some(exposure_s),
+            interval_s: 60.0,
+            temperature: TemperatureProfile::Constant,
+            detail: OpticsDetail::default(),
+        };
+        let folder = self.out.join("bench").join(name);
+        let told = std::cell::RefCell::new(watcher);
+        simulate_frames(facility, &options, &folder, |done, all| told.borrow_mut().done(done, all))?;
+        Ok(folder)
+    }
+}
+
+/// Marks the folder as the scenario's, or finds that it is.
+fn claim(out: &Path, hash: &str) -> Result<(), InputError> {
+    let (mark, own) = (out.join(MARK), format!("{hash}\n"));
+    if !mark.exists() {
+        return write_atomic(&mark, own.as_bytes())
+            .map_err(|error| InputError::new(&mark, format!("cannot be written: {error}")));
+    }
+    if read_text(&mark)? != own {
+        return Err(InputError::new(out, "the folder holds the results of another scenario")
+            .help("give --out another folder, or empty this one"));
+    }
+    Ok(())
+}
+
+/// A calibration from points on the bench, kept in the folder.
+fn measured_calibration(
+    campaign: Campaign,
+    seed: u64,
+    setup: &Setup,
+    out: &Path,
+    watcher: &mut dyn Watcher,
+) -> Result<PathBuf, ExperimentError> {
+    let path = out.join("calibration.toml");
+    if path.is_file() {
+        return Ok(path);
+    }
+    let options =
+        PointsOptions { exposures: campaign.exposures, points: campaign.points, ..PointsOptions::default() };
+    watcher.step("calibrating the bench");
+    let facility = Facility::new(setup, &[], Table::Points, options.length_s(), seed)?;
+    let told = std::cell::RefCell::new(watcher);
+    let points =
+        simulate_points(&facility, &options, None, |done| told.borrow_mut().done(done, options.exposures))?;
+    let watcher = told.into_inner();
+    let result = calibrate(&points.table, setup, &CalibrateOptions::default())?;
+    watcher.note(&format!("the bench is calibrated: {:.2} arcsec rms", result.errors.rms_arcsec));
+    geometry::write_calibration(&path, &result, &points.table, setup)?;
+    Ok(path)
+}
+
+/// Side of the square that the exposure is found with, px: wide against the PSF, cheap to image.
+const SQUARE_PX: u32 = 64;
+
+/// The time in which light as bright as the screen can show fills this share of the full well.
+///
+/// # Errors
+/// The bench cannot be built.
+pub(crate) fn exposure_s(bench: &Bench, share: f64) -> Result<f64, BenchError> {
+    let screen = &bench.setup().screen;
+    let mut square = ScreenImage::dark(screen.width_px, screen.height_px);
+    let [left, top] = [screen.width_px, screen.height_px].map(|size| (size - SQUARE_PX) / 2);
+    for row in top..top + SQUARE_PX {
+        for column in left..left + SQUARE_PX {
+            square.set(column, row, [255; 3]);
+        }
+    }
+    let light = bench.light_e(&square, &Exposure::new(1.0, 0))?;
+    let peak = f64::from(light.iter().copied().fold(0.0, f32::max));
+    Ok(share * bench.sensor().full_well_e() / peak)
+}

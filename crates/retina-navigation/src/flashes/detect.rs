@@ -1,0 +1,205 @@
+//! Points of light on the night side.
+
+use glam::DVec2;
+use retina_image::{Area, CameraImage, Centroid, DetectOptions, detect_points_in};
+use serde::{Deserialize, Serialize};
+
+use super::night::{BodyPose, Margins, night_mask};
+use crate::limb::LimbCamera;
+
+/// How flashes are looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FlashOptions {
+    /// False detections that normal noise gives in a frame, at most: sets the threshold.
+    pub false_alarms_per_frame: f64,
+    /// See [`Margins::limb_px`].
+    pub limb_margin_px: f64,
+    /// See [`Margins::terminator_px`].
+    pub terminator_margin_px: f64,
+    /// Highest relief over its surroundings, over the body's radius.
+    pub relief: f64,
+    /// Side of the cells in which level and noise are found, px.
+    pub mesh_px: usize,
+}
+
+impl Default for FlashOptions {
+    fn default() -> Self {
+        Self {
+            false_alarms_per_frame: 0.01,
+            limb_margin_px: 8.0,
+            terminator_margin_px: 16.0,
+            // The Moon's summits stand 8 km and less over what is before them (LOLA: -9.1 to 10.8 km in all).
+            relief: 0.0046,
+            mesh_px: 64,
+        }
+    }
+}
+
+/// What is known of an image's light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Light {
+    /// Magnitude of one DN of a point's light; `None`: magnitudes are not known.
+    pub zero_point_magnitude: Option<f64>,
+    /// Electrons per DN: adds the light's own noise. `None`: it has none, as in a screen image.
+    pub gain_e_per_dn: Option<f64>,
+    /// What a point looks like.
+    pub spot: Spot,
+}
+
+/// What a point of light looks like.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Spot {
+    /// Some whole pixels of a screen, without noise.
+    Pixels,
+    /// A camera's spot of this standard deviation, px.
+    Gaussian(f64),
+}
+
+/// A point of light on the night side.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// Centroid, px.
+    pub px: [f64; 2],
+    /// Its standard deviation per axis, px.
+    pub sigma_px: f64,
+    /// Planetocentric, on the reference ellipsoid, deg.
+    pub latitude_deg: f64,
+    /// East, deg.
+    pub longitude_deg: f64,
+    /// Light, DN.
+    pub flux_dn: f64,
+    /// Light over its standard deviation.
+    pub snr: f64,
+    /// V, mean over the exposure, where the zero point is known.
+    pub magnitude: Option<f64>,
+    /// Its standard deviation from the image's noise; `None` where there is none.
+    pub sigma_magnitude: Option<f64>,
+    /// A pixel of it is saturated.
+    pub saturated: bool,
+}
+
+/// What a frame holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NightSide {
+    /// Its pixels, row by row.
+    pub mask: Vec<bool>,
+    /// How many they are.
+    pub watched_px: usize,
+    /// A detection's light stands out by so many standard deviations of the noise of 3 x 3 pixels.
+    pub threshold_sigma: f64,
+    /// Typical level, DN.
+    pub background_dn: f64,
+    /// Typical noise of a pixel, DN.
+    pub noise_dn: f64,
+    /// What was found, the brightest first.
+    pub candidates: Vec<Candidate>,
+}
+
+/// Upper tail of the normal distribution for x of 1 or more: its continued fraction (Abramowitz and Stegun, 26.2.14).
+pub fn normal_tail(x: f64) -> f64 {
+    const TERMS: usize = 200;
+    let fraction = (1..=TERMS).rev().fold(0.0, |rest, k| k as f64 / (x + rest));
+    (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt() / (x + fraction)
+}
+
+/// The threshold that the sum of 3 x 3 pixels' normal noise exceeds `expected` times among so many. Detections are fewer:
+/// neighbouring sums are alike, and what one pixel makes alone is taken for a hot one. Six tenths are left at 3.7 sigma,
+/// more above it.
+pub fn threshold_sigma(pixels: usize, expected: f64) -> f64 {
+    let share = expected / pixels.max(1) as f64;
+    let (mut low, mut high) = (1.0, 40.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if normal_tail(middle) > share { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
+/// Looks for points of light on the night side of a body of known place.
+pub fn detect_flashes(
+    image: &CameraImage,
+    camera: &LimbCamera,
+    pose: &BodyPose,
+    light: &Light,
+    options: &FlashOptions,
+) -> NightSide {
+    let margins = Margins {
+        limb_px: options.limb_margin_px,
+        relief_m: options.relief * pose.semi_axes_m.min_element(),
+        terminator_px: options.terminator_margin_px,
+    };
+    let mask = night_mask(camera, pose, &margins);
+    let watched_px = mask.iter().filter(|dark| **dark).count();
+    let threshold_sigma = threshold_sigma(watched_px, options.false_alarms_per_frame);
+    let mut night = NightSide {
+        mask,
+        watched_px,
+        threshold_sigma,
+        background_dn: 0.0,
+        noise_dn: 0.0,
+        candidates: Vec::new(),
+    };
+    if watched_px == 0 {
+        return night;
+    }
+    let (screen, spot_sigma_px) = match light.spot {
+        Spot::Pixels => (true, SCREEN_SPOT_SIGMA_PX),
+        Spot::Gaussian(sigma_px) => (false, sigma_px),
+    };
+    let detect = DetectOptions {
+        threshold_sigma,
+        gain_e_per_dn: light.gain_e_per_dn,
+        spot_sigma_px: Some(spot_sigma_px),
+        centroid: if screen { Centroid::Moments } else { Centroid::Windowed },
+        mesh_px: options.mesh_px,
+        ..DetectOptions::default()
+    };
+    let found = detect_points_in(image, &Area { mask: &night.mask, spikes: screen }, &detect);
+    [night.background_dn, night.noise_dn] = [found.background_dn, found.noise_dn];
+    night.candidates = found
+        .points
+        .iter()
+        .filter_map(|point| {
+            let px = DVec2::new(point.x_px, point.y_px);
+            let sight = camera.line_of_sight(px)?;
+            let place = pose.meet(sight)?.place_body_m;
+            // A screen's pixel off the axis subtends less sky, and so sends less light.
+            let share = if screen { (1.0 + sight.length_squared()).powf(-1.5) } else { 1.0 };
+            let light_dn = point.flux_dn * share;
+            let noisy = !screen && point.snr.is_finite() && point.snr > 0.0;
+            Some(Candidate {
+                px: px.to_array(),
+                sigma_px: if screen { 0.0 } else { point.sigma_px },
+                latitude_deg: (place.z / place.length()).asin().to_degrees(),
+                longitude_deg: place.y.atan2(place.x).to_degrees(),
+                flux_dn: light_dn,
+                snr: point.snr,
+                magnitude: light
+                    .zero_point_magnitude
+                    .filter(|_| light_dn > 0.0)
+                    .map(|zero| zero - 2.5 * light_dn.log10()),
+                sigma_magnitude: noisy.then(|| 2.5 / std::f64::consts::LN_10 / point.snr),
+                saturated: point.saturated,
+            })
+        })
+        .collect();
+    night
+}
+
+/// A point on a screen is two or three adjacent pixels: half of this window's reach parts it from its neighbours.
+const SCREEN_SPOT_SIGMA_PX: f64 = 0.6;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tails_and_thresholds_are_the_tables() {
+        // Abramowitz and Stegun, tables 26.1 and 26.2: Q(3), Q(4), Q(5).
+        for (x, expected) in [(3.0, 1.349_90e-3), (4.0, 3.167_12e-5), (5.0, 2.866_52e-7)] {
+            assert!((normal_tail(x) / expected - 1.0).abs() < 1e-5, "{x}");
+        }
+        assert!((threshold_sigma(1_000_000, 0.286_652) - 5.0).abs() < 1e-5);
+    }
+}
