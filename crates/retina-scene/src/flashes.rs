@@ -90,7 +90,7 @@ pub struct ShownFlash {
 /// Draws of a place before a frame is left with fewer flashes: a lune of 1 deg is missed once in 10^5.
 const TRIES: usize = 4000;
 /// Keeps the flashes' random numbers apart from others of the same seed.
-const STREAM: u64 = 0x666c_6173_6865_73;
+const STREAM: u64 = 0x0066_6c61_7368_6573;
 
 /// Unit vector of a place, body axes.
 fn direction(latitude_rad: f64, longitude_rad: f64) -> DVec3 {

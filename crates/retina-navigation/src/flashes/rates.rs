@@ -104,7 +104,7 @@ pub fn fit_logistic(trials: &[Trial]) -> Option<Logistic> {
             hessian = [hessian[0] + weight, hessian[1] - weight * x, hessian[2] + weight * x * x];
         }
         let determinant = hessian[0] * hessian[2] - hessian[1] * hessian[1];
-        if !(determinant > 0.0) {
+        if determinant.is_nan() || determinant <= 0.0 {
             return None;
         }
         information = [
@@ -123,7 +123,7 @@ pub fn fit_logistic(trials: &[Trial]) -> Option<Logistic> {
         }
     }
     // A rate that grows towards faint flashes is no detector's.
-    if !(b > 0.0) {
+    if b.is_nan() || b <= 0.0 {
         return None;
     }
     let to = [1.0 / b, -a / (b * b)];
