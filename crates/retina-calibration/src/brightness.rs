@@ -13,6 +13,10 @@ pub struct NoiseGroups {
     pub least: f64,
 }
 
+/// Variance of a normal error of unit variance that is known to lie within 3 of 0.
+const VARIANCE_WITHIN_3: f64 = 0.973_34;
+/// Clippings about a new standard deviation each.
+const CLIPPINGS: usize = 5;
 /// Most groups.
 const MOST_GROUPS: usize = 16;
 
@@ -24,6 +28,34 @@ impl NoiseGroups {
         if order.is_empty() {
             order = (0..key.len()).collect();
         }
+        self.at_rows(key, key, length, order, |median, _| median / self.median_of_normal)
+    }
+
+    /// Standard deviations at other brightnesses than those of the residuals; roots of mean squares without what is
+    /// beyond three standard deviations, since the median of values that were rounded is one of few.
+    pub fn clipped_at(&self, wanted: &[f64], key: &[f64], length: &[f64]) -> Vec<f64> {
+        let clipped = |median: f64, members: &[f64]| {
+            let mut sigma = median / self.median_of_normal;
+            for _ in 0..CLIPPINGS {
+                let within = members.iter().filter(|v| **v <= 3.0 * sigma);
+                let (count, squares) = within.fold((0.0, 0.0), |(n, s), v| (n + 1.0, s + v * v));
+                if count > 0.0 {
+                    sigma = (squares / count / VARIANCE_WITHIN_3).sqrt();
+                }
+            }
+            sigma
+        };
+        self.at_rows(wanted, key, length, (0..key.len()).collect(), clipped)
+    }
+
+    fn at_rows(
+        &self,
+        wanted: &[f64],
+        key: &[f64],
+        length: &[f64],
+        mut order: Vec<usize>,
+        scale: impl Fn(f64, &[f64]) -> f64,
+    ) -> Vec<f64> {
         order.sort_by(|&a, &b| key[a].total_cmp(&key[b]));
         let count = order.len() as f64;
         let free = (count / (count - self.fitted).max(1.0)).sqrt();
@@ -35,10 +67,10 @@ impl NoiseGroups {
                 let middle = lengths.len() / 2;
                 let median = *lengths.select_nth_unstable_by(middle, f64::total_cmp).1;
                 let mean_key = members.iter().map(|&i| key[i]).sum::<f64>() / members.len() as f64;
-                (mean_key, (free * median / self.median_of_normal).max(self.least).ln())
+                (mean_key, (free * scale(median, &lengths)).max(self.least).ln())
             })
             .collect();
-        key.iter().map(|&k| interpolate(&nodes, k).exp()).collect()
+        wanted.iter().map(|&k| interpolate(&nodes, k).exp()).collect()
     }
 }
 

@@ -65,7 +65,7 @@ const KINDS: &[EffectKind] = kinds! {
     "knock" Points ARCSEC, 2, "a step of the boresight half way through the campaign, along x, y";
     "camera_pixel_phase" Points SHARE, 1, "sensitive part of the camera's pixel along each axis";
     "row_loading_shift" Points PX, 1, "shift along x of a pixel whose row is all lit, screen pixels";
-    "gamma" Power PLAIN, 1, "exponent of the display's response";
+    "gamma" Power PLAIN, 1, "exponent of the display's response, the whole (`diagnose` tells what it is beside the setup's)";
     "black_level" Power SHARE, 1, "light at count 0 over light at 255";
     "square_loading" Power SHARE, 1, "loss of light where the whole screen is lit";
     "pixel_crosstalk" Power SHARE, 1, "light that a lit neighbour lends, of a pixel's own";

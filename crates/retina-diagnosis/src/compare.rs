@@ -49,8 +49,10 @@ pub struct Comparison {
     pub outliers: usize,
     /// Saturated rows, left out.
     pub saturated: usize,
-    /// Weighted rms per component, without outliers.
+    /// Rms per component, without outliers, weighted by the noise that this model leaves.
     pub rms: f64,
+    /// The same without weights, as the percentiles.
+    pub rms_unweighted: f64,
     /// What no model can undercut for an unseen group, per component.
     pub noise_floor: f64,
     /// Standard deviation of a group's common error, per component.
@@ -115,6 +117,7 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
         outliers: fit.weights.outlier.iter().filter(|out| **out).count(),
         saturated: data.saturated,
         rms: fit.weights.rms(n, &fit.residual),
+        rms_unweighted: fit.weights.rms_unweighted(n, &fit.residual),
         noise_floor: floor(&screened.data, &screened.base, &flips),
         jitter: fit.weights.jitter_variance.sqrt(),
         percentiles,
@@ -142,8 +145,12 @@ fn length(data: &Dataset, residual: &[f64], row: usize) -> f64 {
     (small.sqrt() / ARCSEC_PER_RAD).atan() * ARCSEC_PER_RAD
 }
 
-/// The noise that is left when all that the screens see has been taken out.
+/// The noise that is left when all that the screens see has been taken out; of pixels, what neighbours do not share.
 pub(crate) fn floor(data: &Dataset, base: &[Vec<f64>], flips: &Flips) -> f64 {
+    if data.pixels().is_some() {
+        let fit = crate::noise::robust_fit(data, base);
+        return crate::neighbours::floor(data, &fit).unwrap_or_else(|| fit.weights.floor());
+    }
     let mut columns = base.to_vec();
     for _ in 0..MOST_SCREENS {
         let frame = Frame::fitted(data, &columns);

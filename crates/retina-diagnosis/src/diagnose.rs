@@ -5,12 +5,14 @@ use rayon::prelude::*;
 use crate::added::AddedEffect;
 use crate::catalogue::{Effect, Variant, effects};
 use crate::data::Dataset;
-use crate::estimate::{Parameter, estimate};
+use crate::estimate::{Implausible, Parameter, estimate, implausible, is_implausible};
 use crate::next::{NextMeasurement, propose};
 use crate::noise::Weights;
 use crate::score::{Flips, Frame, HeldOut, Score, p_values};
 use crate::series::{Outlying, outlying};
+use crate::step::Step;
 use crate::unexplained::{Unexplained, unexplained};
+use crate::verdict::{Verdict, too_many_outliers};
 
 /// What is asked of a diagnosis.
 #[derive(Debug, Clone)]
@@ -58,26 +60,6 @@ const SEARCHED: usize = 12;
 /// Most effects that are accepted.
 const MOST_ACCEPTED: usize = 4;
 
-/// The outcome.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
-    /// No effect beyond noise.
-    Adequate,
-    /// Each accepted effect is the only one that fits.
-    Named,
-    /// This data cannot separate several.
-    Confounded,
-    /// Structure that no effect of the catalogue explains.
-    Unknown,
-}
-
-impl Verdict {
-    /// Its name in JSON.
-    pub fn name(self) -> &'static str {
-        ["adequate", "named", "confounded", "unknown"][self as usize]
-    }
-}
-
 /// An effect that was tried.
 #[derive(Debug, Clone)]
 pub struct Candidate {
@@ -89,6 +71,8 @@ pub struct Candidate {
     pub heldout_rms: f64,
     /// Its parameters.
     pub parameters: Vec<Parameter>,
+    /// Parameters that are beyond what is plausible by more than two standard deviations, each with its range.
+    pub implausible: Vec<Implausible>,
 }
 
 /// An effect that could not be tried.
@@ -122,7 +106,7 @@ pub struct Diagnosis {
     /// Errors left.
     pub unexplained: Unexplained,
     /// Effects and held-out error, from the baseline on.
-    pub steps: Vec<(Vec<&'static str>, f64)>,
+    pub steps: Vec<Step>,
     /// Effects that this table cannot show.
     pub not_testable: Vec<NotTestable>,
     /// What the user ought to know.
@@ -154,6 +138,8 @@ struct Ranked {
     refined: bool,
     /// Columns of the form, and one more where it was searched for among many.
     columns: usize,
+    /// An amplitude is beyond what is plausible.
+    implausible: bool,
 }
 
 /// Diagnoses a table; `added` effects belong to the model already.
@@ -250,7 +236,9 @@ fn search(
         first_ranking.get_or_insert(ranking);
     }
 
-    let frame = Frame::fitted(data, &base);
+    let fit = crate::noise::robust_fit(data, &base);
+    let noise_floor = crate::neighbours::floor(data, &fit).unwrap_or_else(|| fit.weights.floor());
+    let frame = Frame::weighted(data, &base, fit.weights);
     let level = if accepted.is_empty() && before.is_none() { LEVEL_FIRST[1] } else { LEVEL_LATER[1] };
     let unexplained = unexplained(
         data,
@@ -259,14 +247,14 @@ fn search(
         FLOOR_NOISE.max(FLOOR_ACCEPTED * strength),
         &flips,
     );
-    let structure = !unexplained.covariates.is_empty();
+    let outliers = frame.weights.outlier.iter().filter(|out| **out).count();
     let several = sets.iter().any(|set| set.len() > 1);
-    let verdict = match (structure, accepted.is_empty(), several) {
-        (true, ..) => Verdict::Unknown,
-        (false, true, _) => Verdict::Adequate,
-        (false, false, true) => Verdict::Confounded,
-        (false, false, false) => Verdict::Named,
-    };
+    let verdict = Verdict::of(
+        !unexplained.covariates.is_empty(),
+        accepted.is_empty(),
+        several,
+        too_many_outliers(data, outliers),
+    );
     notes.extend(crate::noise::lost_groups(data, &frame.weights));
     let steps = ladder(data, &baseline, &prepared, &accepted, &frame.weights);
     let next =
@@ -282,8 +270,9 @@ fn search(
         let candidate = Candidate {
             effect: prepared[index].effect.id,
             p_value: found.p_value,
-            heldout_rms: steps[0].1,
+            heldout_rms: steps[0].heldout_rms,
             parameters: vec![offset, number],
+            implausible: Vec::new(),
         };
         let first = accepted.first().is_some_and(|a| a.0 == index);
         candidates.insert(if first { 0 } else { candidates.len() }, candidate);
@@ -295,9 +284,9 @@ fn search(
         }
     }
     Diagnosis {
-        outliers: frame.weights.outlier.iter().filter(|out| **out).count(),
-        baseline_heldout_rms: steps[0].1,
-        noise_floor: frame.weights.floor(),
+        outliers,
+        baseline_heldout_rms: steps[0].heldout_rms,
+        noise_floor,
         verdict,
         accepted: accepted.iter().map(|&(i, _)| prepared[i].effect.id).collect(),
         candidates,
@@ -369,7 +358,17 @@ fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: 
             let columns = form.leading.len()
                 + if better { form.further.len() } else { 0 }
                 + usize::from(prepared[index].variants.len() > SEARCHED);
-            Some(Ranked { index, variant, p_value, strength, held_out, refined: better, columns })
+            let implausible = beyond(frame, form, &prepared[index].columns[variant]);
+            Some(Ranked {
+                index,
+                variant,
+                p_value,
+                strength,
+                held_out,
+                refined: better,
+                columns,
+                implausible,
+            })
         })
         .collect();
     out.sort_by(|a, b| a.held_out.total().total_cmp(&b.held_out.total()));
@@ -379,18 +378,32 @@ fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: 
 /// The one that is worth its name, with the fewest columns of those whose held-out error is within a standard error of
 /// the least (L. Breiman et al., Classification and Regression Trees, 1984, sec. 3.4.3). One that makes the held-out
 /// error clearly larger than `before` is none. That there is something is for the significant ones to say; which one it is may
-/// be one whose p-value few groups keep large, if it is clearly better on groups left out.
+/// be one whose p-value few groups keep large, if it is clearly better on groups left out. One whose amplitude cannot be
+/// comes after all of equal merit.
 fn pick<'r>(ranking: &'r [Ranked], level: f64, floor: f64, before: &HeldOut) -> Option<&'r Ranked> {
     let better = |r: &&Ranked| r.strength >= floor && r.held_out.beaten_by(before) <= WORSE;
     let significant = || ranking.iter().filter(|r| r.p_value <= level).filter(better);
     let least = significant().next()?;
-    let rival = ranking.iter().filter(|r| r.p_value <= LEVEL_RIVAL).find(better);
+    let rival = ranking.iter().filter(|r| r.p_value <= LEVEL_RIVAL && !r.implausible).find(better);
     if let Some(rival) = rival
         && least.held_out.beaten_by(&rival.held_out) > CLEARLY_WORSE
     {
         return Some(rival);
     }
-    significant().filter(|r| r.held_out.beaten_by(&least.held_out) <= 1.0).min_by_key(|r| r.columns)
+    significant()
+        .filter(|r| r.held_out.beaten_by(&least.held_out) <= 1.0)
+        .min_by_key(|r| (r.implausible, r.columns))
+}
+
+/// Whether a form would need an amplitude beyond what is plausible.
+fn beyond(frame: &Frame<'_>, form: &Variant<'_>, columns: &[Vec<f64>]) -> bool {
+    if form.leading.iter().all(|term| term.plausible.is_none()) {
+        return false;
+    }
+    let parameters = frame.amplitudes(columns);
+    form.leading.iter().zip(parameters).any(|(term, (value, sigma))| {
+        term.plausible.is_some_and(|range| is_implausible(value, Some(sigma), range))
+    })
 }
 
 /// Candidates beside which the best effect adds nothing: their forms are taken whole, so that a leading form's own
@@ -434,17 +447,18 @@ fn ladder(
     prepared: &[Prepared<'_>],
     accepted: &[(usize, usize)],
     weights: &Weights,
-) -> Vec<(Vec<&'static str>, f64)> {
+) -> Vec<Step> {
     let mut base = baseline.to_vec();
-    let mut names = Vec::new();
-    let rms = |base: &[Vec<f64>]| Frame::weighted(data, base, weights.clone()).held_out(&[]).rms;
-    let mut out = vec![(Vec::new(), rms(&base))];
+    let mut names: Vec<String> = Vec::new();
+    let held_out = |base: &[Vec<f64>]| Frame::weighted(data, base, weights.clone()).held_out(&[]);
+    let mut out = vec![Step::new(Vec::new(), &held_out(&base))];
     for &(index, variant) in accepted {
         let mut leading = base.clone();
         leading.extend(prepared[index].columns[variant].iter().cloned());
         base.extend(prepared[index].whole(data, variant));
-        names.push(prepared[index].effect.id);
-        out.push((names.clone(), rms(&leading).min(rms(&base))));
+        names.push(prepared[index].effect.id.to_owned());
+        let (leading, whole) = (held_out(&leading), held_out(&base));
+        out.push(Step::new(names.clone(), if leading.rms < whole.rms { &leading } else { &whole }));
     }
     out
 }
@@ -463,8 +477,11 @@ fn candidates(
             let form = &prepared[ranked.index];
             let mut columns = baseline.to_vec();
             columns.extend(form.columns[ranked.variant].iter().cloned());
-            let names = form.variants[ranked.variant].leading.iter().map(|term| term.name.clone()).collect();
+            let leading = &form.variants[ranked.variant].leading;
+            let names = leading.iter().map(|term| term.name.clone()).collect();
             let mut parameters = estimate(data, &columns, weights).named(baseline.len(), names);
+            let ranges = leading.iter().map(|term| term.plausible);
+            let implausible = implausible(parameters.iter().zip(ranges));
             for (name, value) in &form.variants[ranked.variant].shape {
                 parameters.push(Parameter { name: (*name).to_owned(), value: *value, sigma: None });
             }
@@ -476,6 +493,7 @@ fn candidates(
                 p_value: ranked.p_value,
                 heldout_rms: ranked.held_out.rms,
                 parameters,
+                implausible,
             }
         })
         .collect();

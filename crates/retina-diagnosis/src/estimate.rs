@@ -15,6 +15,35 @@ pub struct Parameter {
     pub sigma: Option<f64>,
 }
 
+/// A parameter that is what nothing real has.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Implausible {
+    /// Its name.
+    pub name: String,
+    /// The values that are plausible.
+    pub range: [f64; 2],
+}
+
+/// Standard deviations by which a value is beyond a range before it is called so.
+const BEYOND_SIGMAS: f64 = 2.0;
+
+/// Whether a value is beyond a range by more than its uncertainty.
+pub(crate) fn is_implausible(value: f64, sigma: Option<f64>, [low, high]: [f64; 2]) -> bool {
+    let margin = BEYOND_SIGMAS * sigma.unwrap_or(0.0);
+    value < low - margin || value > high + margin
+}
+
+/// Those of parameters that are beyond their ranges.
+pub fn implausible<'a>(
+    parameters: impl Iterator<Item = (&'a Parameter, Option<[f64; 2]>)>,
+) -> Vec<Implausible> {
+    parameters
+        .filter_map(|(p, range)| range.map(|range| (p, range)))
+        .filter(|(p, range)| is_implausible(p.value, p.sigma, *range))
+        .map(|(p, range)| Implausible { name: p.name.clone(), range })
+        .collect()
+}
+
 pub(crate) struct Estimate {
     pub(crate) values: Vec<f64>,
     /// Covariance, row by row.

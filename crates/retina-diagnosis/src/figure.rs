@@ -14,7 +14,7 @@ use crate::screens::screened;
 const COLUMNS: usize = 3;
 const MOST_COLUMNS: usize = 8;
 /// Rows drawn at most: more hide each other.
-const MOST_ROWS: usize = 3000;
+const MOST_ROWS: usize = 1500;
 
 /// Writes the figure: vectors over the field (points), then the errors against each column.
 ///
@@ -51,8 +51,11 @@ pub(crate) fn figure_svg(data: &Dataset, added: &[AddedEffect]) -> String {
         let values = data.values(name);
         let mut panel = Panel::new(Axis::linear(name), Axis::linear(format!("error ({})", data.kind.unit())));
         for axis in 0..n {
-            let dots: Vec<[f64; 2]> =
-                rows.iter().map(|&row| [values[row], fit.residual[row * n + axis]]).collect();
+            let dots: Vec<[f64; 2]> = rows
+                .iter()
+                .filter(|&&row| !values[row].is_nan())
+                .map(|&row| [values[row], fit.residual[row * n + axis]])
+                .collect();
             let label = if n == 2 { ["along x", "along y"][axis] } else { "" };
             panel.dots(label, &dots, Style::line(PALETTE[axis]).width(1.5));
         }

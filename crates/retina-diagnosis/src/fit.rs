@@ -10,6 +10,7 @@ use crate::diagnose::MOST_ROWS;
 use crate::estimate::{Parameter, estimate};
 use crate::noise::robust_fit;
 use crate::score::{Flips, Frame};
+use crate::step::Step;
 
 /// Effects and baseline fitted to a table.
 pub struct Fit {
@@ -19,12 +20,14 @@ pub struct Fit {
     pub correlation: Vec<Vec<f64>>,
     /// Weighted rms per component, without outliers.
     pub rms: f64,
-    /// The same of groups left out.
+    /// The same without weights.
+    pub rms_unweighted: f64,
+    /// The weighted one of groups left out.
     pub heldout_rms: f64,
     /// What no model can undercut.
     pub noise_floor: f64,
     /// Effects and held-out error, from the baseline on.
-    pub steps: Vec<(Vec<String>, f64)>,
+    pub steps: Vec<Step>,
     /// Number of outliers.
     pub outliers: usize,
     /// What the user ought to know.
@@ -127,7 +130,7 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
         }
         let frame = Frame::weighted(&so_far, &columns, robust.weights.clone());
         let names = added[..count].iter().map(|effect| effect.name().to_owned()).collect();
-        steps.push((names, frame.held_out(&[]).rms));
+        steps.push(Step::new(names, &frame.held_out(&[])));
     }
     let screened_part = data.thinned(MOST_ROWS);
     let screened = adjusted(screened_part.as_ref().unwrap_or(data), added);
@@ -136,7 +139,8 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
         parameters,
         correlation,
         rms: robust.weights.rms(data.components(), &residual),
-        heldout_rms: steps[added.len()].1,
+        rms_unweighted: robust.weights.rms_unweighted(data.components(), &residual),
+        heldout_rms: steps[added.len()].heldout_rms,
         noise_floor: crate::compare::floor(&screened.data, &screened.base, &flips),
         steps,
         outliers: robust.weights.outlier.iter().filter(|out| **out).count(),

@@ -20,6 +20,7 @@ mod fit;
 mod formula;
 mod linear;
 mod model_file;
+mod neighbours;
 mod next;
 mod noise;
 mod output;
@@ -28,7 +29,9 @@ mod report;
 mod score;
 mod screens;
 mod series;
+mod step;
 mod unexplained;
+mod verdict;
 
 pub use added::{AddedEffect, check_effects};
 pub use catalogue::{Effect, effects};
@@ -38,8 +41,8 @@ pub use data::{
     Source, TableKind,
 };
 pub use decode::{Decoded, Reading, decode};
-pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, Verdict, diagnose, diagnose_step};
-pub use estimate::Parameter;
+pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, diagnose, diagnose_step};
+pub use estimate::{Implausible, Parameter, implausible};
 pub use figure::write_figure;
 pub use fit::{Fit, fit};
 pub use model_file::write_model;
@@ -52,4 +55,6 @@ pub use own::{OwnEffect, OwnParameter};
 pub use report::{
     Shape, compare_page, diagnose_page, effects_page, fit_page, signature_svg, unexplained_shapes,
 };
+pub use step::Step;
 pub use unexplained::Unexplained;
+pub use verdict::{Verdict, too_many_outliers};

@@ -133,6 +133,13 @@ impl Weights {
         (squares / sum).sqrt()
     }
 
+    /// Root of the mean square of errors per component, outliers left out.
+    pub(crate) fn rms_unweighted(&self, components: usize, residual: &[f64]) -> f64 {
+        let rows = residual.chunks_exact(components).zip(&self.outlier).filter(|(_, out)| !**out);
+        let squares: f64 = rows.map(|(values, _)| dot(values, values)).sum();
+        (squares / (self.kept() * components).max(1) as f64).sqrt()
+    }
+
     /// Root of the weighted mean variance, the group's error included: what no model can undercut for an unseen group.
     pub(crate) fn floor(&self) -> f64 {
         let (mut total, mut sum) = (0.0, 0.0);

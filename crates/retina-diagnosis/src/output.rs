@@ -10,14 +10,66 @@ use crate::catalogue::Effect;
 use crate::compare::{Comparison, PERCENTILES};
 use crate::data::{Dataset, TableKind};
 use crate::decode::Decoded;
-use crate::diagnose::{Diagnosis, Verdict};
-use crate::estimate::Parameter;
+use crate::diagnose::Diagnosis;
+use crate::estimate::{Implausible, Parameter};
 use crate::fit::Fit;
+use crate::step::Step;
+use crate::verdict::{Verdict, too_many_outliers};
 
 fn parameters_json(parameters: &[Parameter]) -> Value {
     let entries: Map<String, Value> =
         parameters.iter().map(|p| (p.name.clone(), json!({ "value": p.value, "sigma": p.sigma }))).collect();
     Value::Object(entries)
+}
+
+fn steps_json(steps: &[Step]) -> Value {
+    let step = |s: &Step| json!({ "effects": s.effects, "heldout_rms": s.heldout_rms, "heldout_rms_unweighted": s.heldout_rms_unweighted });
+    steps.iter().map(step).collect()
+}
+
+/// A range; an end that is open is null.
+fn range_json(range: [f64; 2]) -> Value {
+    range.iter().map(|end| if end.is_finite() { json!(end) } else { Value::Null }).collect()
+}
+
+/// What has to be said before all else.
+fn warnings(data: &Dataset, outliers: usize) -> Vec<String> {
+    if !too_many_outliers(data, outliers) {
+        return Vec::new();
+    }
+    let rows = if data.kind == TableKind::Frames { "pixels" } else { "rows" };
+    vec![format!(
+        "{:.0} % of the {rows} are outliers: the model does not describe them, and all figures are of the others alone; {}",
+        100.0 * outliers as f64 / data.len() as f64,
+        if data.kind == TableKind::Frames {
+            "look at the pose (--baseline physical finds it), and at which image belongs to which frame"
+        } else {
+            "look at the setup, and at which table belongs to it"
+        }
+    )]
+}
+
+fn warning_lines(data: &Dataset, outliers: usize) -> Vec<String> {
+    warnings(data, outliers).into_iter().map(|warning| format!("WARNING: {warning}")).collect()
+}
+
+/// The ladder of held-out errors, and the noise below it.
+fn ladder_text(steps: &[Step], noise_floor: f64, unit: &str) -> Vec<String> {
+    let mut out = vec![format!(
+        "error of groups left out ({unit} rms per component), weighted by the last model's noise | unweighted"
+    )];
+    for step in steps {
+        let name = match step.effects.as_slice() {
+            [] => "baseline".to_owned(),
+            effects => format!("+ {}", effects.join(" + ")),
+        };
+        out.push(format!(
+            "{:10.4} | {:8.4} {unit}  held out, {name}",
+            step.heldout_rms, step.heldout_rms_unweighted
+        ));
+    }
+    out.push(format!("{noise_floor:10.4} |          {unit}  noise"));
+    out
 }
 
 /// `compare --json`, schema `retina.compare/1`.
@@ -31,12 +83,14 @@ pub fn compare_json(data: &Dataset, result: &Comparison) -> Value {
         "saturated": result.saturated,
         "outliers": result.outliers,
         "rms": result.rms,
+        "rms_unweighted": result.rms_unweighted,
         "noise_floor": result.noise_floor,
         "jitter": result.jitter,
         "unit": data.kind.unit(),
         "percentiles": percentiles,
         "worst_groups": result.worst_groups.iter().map(|g| json!({ "group": g.name, "rms": g.rms, "rows": g.rows })).collect::<Vec<_>>(),
         "dependence": result.dependence.iter().map(|d| json!({ "covariates": d.covariates, "p_value": d.p_value, "share": d.share })).collect::<Vec<_>>(),
+        "warnings": warnings(data, result.outliers),
         "notes": result.notes,
     });
     if let Some(fraction) = result.fraction_within_10_arcsec {
@@ -91,7 +145,12 @@ pub fn diagnose_json(data: &Dataset, result: &Diagnosis) -> Value {
         "table": data.kind.name(),
         "rows": data.table_rows,
         "outliers": result.outliers,
-        "baseline": { "heldout_rms": result.baseline_heldout_rms, "unit": data.kind.unit(), "noise_floor": result.noise_floor },
+        "baseline": {
+            "heldout_rms": result.baseline_heldout_rms,
+            "heldout_rms_unweighted": result.steps.first().map(|step| step.heldout_rms_unweighted),
+            "unit": data.kind.unit(),
+            "noise_floor": result.noise_floor,
+        },
         "verdict": result.verdict.name(),
         "accepted": result.accepted,
         "candidates": result.candidates.iter().map(|c| json!({
@@ -99,6 +158,7 @@ pub fn diagnose_json(data: &Dataset, result: &Diagnosis) -> Value {
             "p_value": c.p_value,
             "heldout_rms": c.heldout_rms,
             "parameters": parameters_json(&c.parameters),
+            "implausible": c.implausible.iter().map(|i| json!({ "parameter": i.name, "plausible": range_json(i.range) })).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
         "indistinguishable": result.indistinguishable,
         "next_measurement": result.next.as_ref().map(|next| json!({
@@ -108,8 +168,9 @@ pub fn diagnose_json(data: &Dataset, result: &Diagnosis) -> Value {
             "expected_sigma": next.expected_sigma,
         })),
         "unexplained": { "p_value": result.unexplained.p_value, "covariates": result.unexplained.covariates },
-        "steps": result.steps.iter().map(|(effects, rms)| json!({ "effects": effects, "heldout_rms": rms })).collect::<Vec<_>>(),
+        "steps": steps_json(&result.steps),
         "not_testable": result.not_testable.iter().map(|n| json!({ "effect": n.effect, "reason": n.reason })).collect::<Vec<_>>(),
+        "warnings": warnings(data, result.outliers),
         "notes": result.notes,
     })
 }
@@ -127,9 +188,11 @@ pub fn fit_json(data: &Dataset, result: &Fit) -> Value {
         "parameters": parameters_json(&result.parameters),
         "correlation": { "parameters": fitted, "matrix": result.correlation },
         "rms": result.rms,
+        "rms_unweighted": result.rms_unweighted,
         "heldout_rms": result.heldout_rms,
         "noise_floor": result.noise_floor,
-        "steps": result.steps.iter().map(|(effects, rms)| json!({ "effects": effects, "heldout_rms": rms })).collect::<Vec<_>>(),
+        "steps": steps_json(&result.steps),
+        "warnings": warnings(data, result.outliers),
         "notes": result.notes,
     })
 }
@@ -179,6 +242,22 @@ fn decimals(value: f64) -> usize {
     if magnitude.is_finite() { (1.0 - magnitude).clamp(0.0, 12.0) as usize } else { 0 }
 }
 
+/// What is said of values that nothing real has.
+pub(crate) fn implausible_text(implausible: &[Implausible]) -> String {
+    let each = |i: &Implausible| {
+        let [low, high] = i.range;
+        match (low.is_finite(), high.is_finite()) {
+            (true, true) => format!("{} beyond {low} to {high}", i.name),
+            (true, false) => format!("{} below {low}", i.name),
+            _ => format!("{} above {high}", i.name),
+        }
+    };
+    match implausible {
+        [] => String::new(),
+        some => format!("  NOT PLAUSIBLE: {}", some.iter().map(each).collect::<Vec<_>>().join(", ")),
+    }
+}
+
 /// Fewer groups than these can be flipped in too few ways for any p-value to be small.
 fn too_few(data: &Dataset) -> bool {
     data.groups.len() < 8
@@ -189,11 +268,15 @@ pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
     let unit = data.kind.unit();
     let mut out = vec![
         format!("{} rows, {} saturated, {} outliers", result.rows, result.saturated, result.outliers),
-        format!("error {:.4} {unit} rms per component, noise {:.4} {unit}", result.rms, result.noise_floor),
+        format!(
+            "error {:.4} {unit} rms per component, weighted by the noise that this model leaves; {:.4} unweighted; noise {:.4}",
+            result.rms, result.rms_unweighted, result.noise_floor
+        ),
     ];
+    out.splice(0..0, warning_lines(data, result.outliers));
     let cells: Vec<String> =
         PERCENTILES.iter().zip(result.percentiles).map(|(p, v)| format!("{p} %: {v:.3}")).collect();
-    out.push(format!("errors within ({unit})  {}", cells.join("  ")));
+    out.push(format!("errors within ({unit}, unweighted)  {}", cells.join("  ")));
     let seen: Vec<_> = result.dependence.iter().filter(|d| d.p_value <= 0.02 && d.share >= 5e-4).collect();
     if seen.is_empty() && too_few(data) {
         out.push(format!("{} groups are too few to show what the errors depend on", data.groups.len()));
@@ -237,15 +320,14 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
             } else {
                 format!(" beside {}", result.accepted.join(" and "))
             };
-            format!("unknown{found}: errors depend on {}", result.unexplained.covariates.join(", "))
+            match result.unexplained.covariates.as_slice() {
+                [] => format!("unknown{found}: too many rows are outliers"),
+                columns => format!("unknown{found}: errors depend on {}", columns.join(", ")),
+            }
         }
     }];
-    for (effects, rms) in &result.steps {
-        let name =
-            if effects.is_empty() { "baseline".to_owned() } else { format!("+ {}", effects.join(" + ")) };
-        out.push(format!("{rms:10.4} {unit}  held out, {name}"));
-    }
-    out.push(format!("{:10.4} {unit}  noise", result.noise_floor));
+    out.splice(0..0, warning_lines(data, result.outliers));
+    out.extend(ladder_text(&result.steps, result.noise_floor, unit));
     if let Some(next) = &result.next {
         let gain =
             next.expected_sigma.map_or_else(String::new, |s| format!(", would differ by {s:.1} sigma"));
@@ -270,11 +352,12 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
             })
             .collect();
         out.push(format!(
-            "{:22} {:7.4} {:10.4}   {}",
+            "{:22} {:7.4} {:10.4}   {}{}",
             c.effect,
             c.p_value,
             c.heldout_rms,
-            parameters.join(", ")
+            parameters.join(", "),
+            implausible_text(&c.implausible)
         ));
     }
     for not in &result.not_testable {
@@ -287,15 +370,11 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
 /// The fit as text.
 pub fn fit_text(data: &Dataset, result: &Fit) -> Vec<String> {
     let unit = data.kind.unit();
-    let mut out = Vec::new();
-    for (effects, rms) in &result.steps {
-        let name =
-            if effects.is_empty() { "baseline".to_owned() } else { format!("+ {}", effects.join(" + ")) };
-        out.push(format!("{rms:10.4} {unit}  held out, {name}"));
-    }
+    let mut out = warning_lines(data, result.outliers);
+    out.extend(ladder_text(&result.steps, result.noise_floor, unit));
     out.push(format!(
-        "{:10.4} {unit}  noise;  {:.4} in the fit, {} outliers",
-        result.noise_floor, result.rms, result.outliers
+        "{:10.4} | {:8.4} {unit}  in the fit, {} outliers left out",
+        result.rms, result.rms_unweighted, result.outliers
     ));
     for p in &result.parameters {
         out.push(match p.sigma {

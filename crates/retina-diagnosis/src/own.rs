@@ -116,7 +116,11 @@ pub(crate) fn evaluate(
         if let Some(light) = light {
             row_values[light] = 10f64.powf(row_values[light]);
         }
-        let (value, slope) = effect.value_and_slopes(&row_values, parameters);
+        // Where a column has no value the effect has none.
+        let (value, slope) = match row_values.iter().any(|value| value.is_nan()) {
+            true => ([0.0; 2], vec![[0.0; 2]; parameters.len()]),
+            false => effect.value_and_slopes(&row_values, parameters),
+        };
         values.extend_from_slice(&value[..n]);
         for (all, s) in slopes.iter_mut().zip(slope) {
             all.extend_from_slice(&s[..n]);

@@ -69,6 +69,8 @@ pub(crate) struct HeldOut {
     pub(crate) loss: Vec<f64>,
     /// Weighted rms per component of rows left out, the group's own error included.
     pub(crate) rms: f64,
+    /// The same without weights.
+    pub(crate) rms_unweighted: f64,
 }
 
 impl HeldOut {
@@ -206,6 +208,19 @@ impl<'d> Frame<'d> {
         Score { contributions, statistic }
     }
 
+    /// Amplitudes of columns beside the base, with standard deviations; infinite where they depend on each other.
+    pub(crate) fn amplitudes(&self, columns: &[Vec<f64>]) -> Vec<(f64, f64)> {
+        let beside: Vec<Vec<f64>> = columns.iter().map(|column| self.residual(column)).collect();
+        let basis = Basis::of(beside);
+        let values = basis.coefficients(&self.error);
+        let covariance = basis.covariance();
+        let of = |k: usize| {
+            let variance = covariance[k][k];
+            (values[k], if variance > 0.0 { variance.sqrt() } else { f64::INFINITY })
+        };
+        (0..columns.len()).map(of).collect()
+    }
+
     /// Orthonormal directions of columns beside the base.
     pub(crate) fn directions(&self, columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
         if columns.is_empty() {
@@ -293,7 +308,11 @@ impl<'d> Frame<'d> {
             let root = if weight > 0.0 { weight.sqrt() } else { f64::INFINITY };
             values.iter_mut().for_each(|value| *value /= root);
         }
-        HeldOut { loss, rms: self.weights.rms(n, &error) }
+        HeldOut {
+            loss,
+            rms: self.weights.rms(n, &error),
+            rms_unweighted: self.weights.rms_unweighted(n, &error),
+        }
     }
 }
 

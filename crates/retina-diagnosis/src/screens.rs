@@ -35,11 +35,12 @@ pub(crate) fn legendre(t: f64, degree: usize) -> Vec<f64> {
     out
 }
 
-/// Mid-ranks of values, -1 to 1: screens do not depend on how a covariate is scaled.
+/// Mid-ranks of values, -1 to 1: screens do not depend on how a covariate is scaled. Rows without a value have none.
 fn ranks(values: &[f64]) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..values.len()).collect();
+    let mut order: Vec<usize> = (0..values.len()).filter(|&row| !values[row].is_nan()).collect();
     order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
-    let mut out = vec![0.0; values.len()];
+    let mut out = vec![f64::NAN; values.len()];
+    let most = order.len().saturating_sub(1);
     let mut start = 0;
     while start < order.len() {
         let mut end = start + 1;
@@ -48,7 +49,7 @@ fn ranks(values: &[f64]) -> Vec<f64> {
         }
         let middle = 0.5 * (start + end - 1) as f64;
         for &row in &order[start..end] {
-            out[row] = if values.len() > 1 { 2.0 * middle / (values.len() - 1) as f64 - 1.0 } else { 0.0 };
+            out[row] = if most > 0 { 2.0 * middle / most as f64 - 1.0 } else { 0.0 };
         }
         start = end;
     }
@@ -114,7 +115,8 @@ fn definitions(data: &Dataset) -> Vec<(Vec<String>, Vec<Vec<f64>>)> {
                 }
             }
         } else {
-            let basis: Vec<Vec<f64>> = rank.iter().map(|t| legendre(*t, degree)).collect();
+            let of = |t: &f64| if t.is_nan() { vec![0.0; degree] } else { legendre(*t, degree) };
+            let basis: Vec<Vec<f64>> = rank.iter().map(of).collect();
             for k in 0..degree {
                 columns.extend(shaped(&basis.iter().map(|b| b[k]).collect::<Vec<f64>>()));
             }
@@ -175,7 +177,8 @@ fn definitions(data: &Dataset) -> Vec<(Vec<String>, Vec<Vec<f64>>)> {
     }
     for i in 0..names.len().min(MOST_PAIRED) {
         for j in 0..i {
-            let product: Vec<f64> = ranked[i].iter().zip(&ranked[j]).map(|(a, b)| a * b).collect();
+            let both = |(a, b): (&f64, &f64)| if (a * b).is_nan() { 0.0 } else { a * b };
+            let product: Vec<f64> = ranked[i].iter().zip(&ranked[j]).map(both).collect();
             out.push((vec![names[j].to_owned(), names[i].to_owned()], shaped(&product)));
         }
     }

@@ -122,7 +122,7 @@ fn each_effect_is_named_or_in_the_set() {
                 found.indistinguishable,
                 found.unexplained.covariates,
                 found.unexplained.p_value,
-                found.steps.iter().map(|s| (s.1 * 1e3).round() / 1e3).collect::<Vec<_>>()
+                found.steps.iter().map(|s| (s.heldout_rms * 1e3).round() / 1e3).collect::<Vec<_>>()
             );
             let good = found.indistinguishable.contains(&id)
                 && found.accepted.len() == 1
@@ -205,7 +205,7 @@ fn an_outside_field_names_irradiance_and_place() {
     std::fs::write(&path, &shape.formula).unwrap();
     let effect = AddedEffect::read(path.to_str().unwrap(), &data).unwrap();
     let result = fit(&data, &[effect]).unwrap();
-    let beyond = |step: usize| result.steps[step].1.powi(2) - result.noise_floor.powi(2);
+    let beyond = |step: usize| result.steps[step].heldout_rms.powi(2) - result.noise_floor.powi(2);
     assert!(beyond(0) > 3.0 && beyond(1) < 0.15 * beyond(0), "{:?} {}", result.steps, result.noise_floor);
 }
 

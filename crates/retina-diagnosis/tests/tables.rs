@@ -91,7 +91,7 @@ fn the_moons_phase_law_is_a_phase_function() {
     );
     assert_eq!(found.accepted.first(), Some(&"phase_function"));
     // The ladder ends near the noise that was put on.
-    assert!(found.steps.last().unwrap().1 < 0.04, "{:?}", found.steps);
+    assert!(found.steps.last().unwrap().heldout_rms < 0.04, "{:?}", found.steps);
 }
 
 /// Parameters of a formula come back within their standard deviations, and errors point at the character.

@@ -3,10 +3,11 @@
 use retina_diagnosis::Covariate;
 
 use crate::FrameSet;
+use crate::layers::Angles;
 use crate::model::Sight;
 
 impl FrameSet {
-    /// Places, angles, levels, and the table's own columns; `level_dn` is the prediction.
+    /// Places, angles, levels, and the table's own columns, NaN where a pixel has none; `level_dn` is the prediction.
     pub(crate) fn covariates(&self, level_dn: &[f64]) -> Vec<Covariate> {
         let mut out = Vec::new();
         let mut put = |name: &str, value: &dyn Fn(usize, usize) -> f64| {
@@ -32,28 +33,33 @@ impl FrameSet {
             let (fine, columns) = (sight.window.fine, sight.window.columns);
             (bin / columns * fine + fine / 2) * columns * fine + bin % columns * fine + fine / 2
         };
+        // Angles and places are those of the lit disc: the sky has none, and the night side sends no light.
+        let lit = |sight: &Sight, bin: usize| {
+            let at = middle(sight, bin);
+            let on_body = sight.layers.coverage.as_ref().is_none_or(|coverage| coverage.values[at] > 0.5);
+            let sunlit = sight.layers.angles.as_ref().is_none_or(|angles| angles[at].mu0 > 0.0);
+            on_body && sunlit && sight.layers.light.values[at] > 0.0
+        };
         if self.sights.iter().all(|sight| sight.layers.angles.is_some()) {
-            // Beside the body: at the horizon.
-            let angle = |frame: usize, bin: usize| {
+            let angle = |frame: usize, bin: usize, of: &dyn Fn(Angles) -> f32| -> f64 {
                 let sight = &self.sights[frame];
-                sight.layers.angles.as_ref().map_or_else(Default::default, |a| a[middle(sight, bin)])
+                let angles = sight.layers.angles.as_ref().filter(|_| lit(sight, bin));
+                angles.map_or(f64::NAN, |a| f64::from(of(a[middle(sight, bin)])).to_degrees())
             };
-            let degrees = |cosine: f32| f64::from(cosine.clamp(0.0, 1.0)).acos().to_degrees();
-            put("incidence_deg", &|frame, bin| degrees(angle(frame, bin).mu0));
-            put("emission_deg", &|frame, bin| degrees(angle(frame, bin).mu));
+            put("incidence_deg", &|frame, bin| angle(frame, bin, &|a| a.mu0.min(1.0).acos()));
+            put("emission_deg", &|frame, bin| angle(frame, bin, &|a| a.mu.min(1.0).acos()));
             if self.sights.len() > 1 {
-                put("phase_deg", &|frame, bin| f64::from(angle(frame, bin).phase_rad).to_degrees());
+                put("phase_deg", &|frame, bin| angle(frame, bin, &|a| a.phase_rad));
             }
         }
         if self.sights.iter().all(|sight| sight.layers.place_rad.is_some()) {
-            // Beside the body: below all longitudes and latitudes.
-            let place = |frame: usize, bin: usize, k: usize, beside: f64| {
+            let place = |frame: usize, bin: usize, k: usize| -> f64 {
                 let sight = &self.sights[frame];
-                let value = sight.layers.place_rad.as_ref().map_or(f32::NAN, |p| p[middle(sight, bin)][k]);
-                if value.is_finite() { f64::from(value).to_degrees() } else { beside }
+                let places = sight.layers.place_rad.as_ref().filter(|_| lit(sight, bin));
+                places.map_or(f64::NAN, |p| f64::from(p[middle(sight, bin)][k]).to_degrees())
             };
-            put("longitude_deg", &|frame, bin| place(frame, bin, 0, -181.0));
-            put("latitude_deg", &|frame, bin| place(frame, bin, 1, -91.0));
+            put("longitude_deg", &|frame, bin| place(frame, bin, 0));
+            put("latitude_deg", &|frame, bin| place(frame, bin, 1));
         }
         for (name, values) in &self.numbers {
             put(name, &|frame, _| values[frame]);

@@ -1,7 +1,8 @@
 //! Effects found one by one; the prediction is made anew with each, so that what two do together is in it.
 
 use retina_diagnosis::{
-    AddedEffect, Candidate, Dataset, DiagnoseOptions, Diagnosis, Parameter, Verdict, diagnose_step, fit,
+    AddedEffect, Candidate, Dataset, DiagnoseOptions, Diagnosis, Parameter, Step, Verdict, diagnose_step,
+    fit, implausible, too_many_outliers,
 };
 use retina_files::InputError;
 
@@ -29,7 +30,7 @@ pub fn diagnose_frames(
         Diagnosis { accepted: Vec::new(), indistinguishable: Vec::new(), next: None, ..found.clone() };
     let mut decided: Vec<Candidate> = Vec::new();
     let mut several = false;
-    let mut ladder: Vec<(Vec<String>, f64)> = Vec::new();
+    let mut ladder: Vec<Step> = Vec::new();
     let mut fitted_parameters: Vec<Parameter> = Vec::new();
     while let (Some(&id), true) = (found.accepted.first(), out.accepted.len() < MOST_ACCEPTED) {
         set.add(id)?;
@@ -45,7 +46,7 @@ pub fn diagnose_frames(
                 break;
             }
         };
-        let (before, after) = (steps[steps.len() - 2].1, steps[steps.len() - 1].1);
+        let [before, after] = [2, 1].map(|back| steps[steps.len() - back].heldout_rms);
         if after > (1.0 - LEAST_GAIN) * before {
             out.notes.push(format!(
                 "{id} is significant and was taken out again: with it the error of tiles left out is {after:.4} instead of {before:.4}"
@@ -66,7 +67,7 @@ pub fn diagnose_frames(
         }
         decided.extend(found.candidates.iter().find(|candidate| candidate.effect == id).cloned());
         let floor = found.noise_floor.max(f64::MIN_POSITIVE);
-        let strength = (ladder[given].1.powi(2) - after.powi(2)).max(0.0).sqrt() / floor;
+        let strength = (ladder[given].heldout_rms.powi(2) - after.powi(2)).max(0.0).sqrt() / floor;
         found = diagnose_step(&data, &added, options, Some(strength));
     }
     // What was accepted has the values of the last model, and the error of its step of the ladder.
@@ -77,7 +78,9 @@ pub fn diagnose_frames(
             Some(Parameter { name, ..p.clone() })
         };
         candidate.parameters = fitted_parameters.iter().filter_map(of).collect();
-        candidate.heldout_rms = ladder[given + k + 1].1;
+        let range = |p: &Parameter| set.plausible(candidate.effect, &p.name);
+        candidate.implausible = implausible(candidate.parameters.iter().map(|p| (p, range(p))));
+        candidate.heldout_rms = ladder[given + k + 1].heldout_rms;
     }
     let later = found.candidates.into_iter().filter(|c| !out.accepted.contains(&c.effect));
     out.candidates = decided.into_iter().chain(later).collect();
@@ -87,16 +90,13 @@ pub fn diagnose_frames(
     out.not_testable = found.not_testable;
     // Structure that is left after a refusal is structure all the same.
     let structure = !out.unexplained.covariates.is_empty();
-    out.verdict = match (structure, out.accepted.is_empty(), several) {
-        (true, ..) => Verdict::Unknown,
-        (false, true, _) => Verdict::Adequate,
-        (false, false, true) => Verdict::Confounded,
-        (false, false, false) => Verdict::Named,
-    };
+    out.verdict =
+        Verdict::of(structure, out.accepted.is_empty(), several, too_many_outliers(&data, out.outliers));
     if !ladder.is_empty() {
-        out.steps =
-            (given..ladder.len()).map(|k| (out.accepted[..k - given].to_vec(), ladder[k].1)).collect();
-        out.baseline_heldout_rms = out.steps[0].1;
+        let accepted: Vec<String> = out.accepted.iter().map(|id| (*id).to_owned()).collect();
+        let own = |(k, step): (usize, Step)| Step { effects: accepted[..k].to_vec(), ..step };
+        out.steps = ladder.into_iter().skip(given).enumerate().map(own).collect();
+        out.baseline_heldout_rms = out.steps[0].heldout_rms;
     } else if let Some(first) = out.steps.first().cloned() {
         out.steps = vec![first];
     }

@@ -119,6 +119,24 @@ impl Change {
         }
     }
 
+    /// The values that something real may have, where there are bounds; fits may go beyond, and then it is told.
+    pub(crate) fn plausible(&self) -> Option<[f64; 2]> {
+        match self {
+            Self::Law(_) | Self::Shadow | Self::FullWell { .. } => Some([0.0, 1.5]),
+            Self::Map { .. } | Self::Relief => Some([0.0, 2.0]),
+            Self::Harmonics => Some([-1.0, 1.0]),
+            Self::Blur | Self::FieldBlur => Some([0.0, 400.0]),
+            Self::Coma => Some([-50.0, 50.0]),
+            Self::Astigmatism => Some([-20.0, 20.0]),
+            Self::Glare { .. } | Self::MeanGlare => Some([0.0, 0.5]),
+            Self::Ghost => Some([0.0, 0.1]),
+            Self::Vignetting { .. } => Some([0.0, 1.0]),
+            Self::DarkCurrent => Some([0.0, f64::INFINITY]),
+            Self::Nonlinearity => Some([-0.5, 0.5]),
+            Self::DarkLevel | Self::Shift | Self::Roll | Self::Scale => None,
+        }
+    }
+
     /// Whether it acts on digital numbers, after all optics.
     pub(crate) fn in_detector(&self) -> bool {
         matches!(
@@ -233,7 +251,7 @@ pub(crate) fn catalogue(can: &Abilities) -> Vec<(&'static str, Result<Vec<Form>,
         .map(|share| Form::new(Change::FullWell { share }, &[("full_well", share)]))
         .collect();
     let bright = format!("the brightest pixel that counts is at {:.2} of full scale", can.brightest);
-    let maps = "a map over pixels needs frames of an even field: none is fitted from images of a body";
+    let maps = "a map over pixels is not fitted from images of a body; measure it: at least 16 frames of an even field, averaged and divided by their smooth part, and divide the images by it. The camera's own (prnu) stays where it is when the display is shifted behind it, the display's (mura) moves along";
     let placed = |id: &str, change: Change| match can.registered {
         true => Err(always(id)),
         false => Ok(single(change)),

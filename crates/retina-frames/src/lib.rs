@@ -5,6 +5,7 @@
 //! - [`diagnose_frames`]: which effects are missing; the prediction is made anew with each that is found.
 //! - [`FrameSet::pictures`]: predicted, measured and what is left, side by side.
 
+mod choice;
 mod covariates;
 mod diagnose;
 mod exr;
@@ -21,6 +22,7 @@ mod scene;
 mod set;
 mod solve;
 mod table;
+mod told;
 mod window;
 
 pub use diagnose::diagnose_frames;

@@ -7,6 +7,8 @@ use crate::model::State;
 
 /// Cells across a picture: more are not seen on a page.
 const MOST_ACROSS: usize = 160;
+/// The column of what was measured.
+const MEASURED: usize = 1;
 /// Images that are drawn.
 const MOST_IMAGES: usize = 3;
 
@@ -20,7 +22,9 @@ impl FrameSet {
         for frame in 0..images {
             for (step, (label, state)) in self.history.iter().enumerate() {
                 let row = frame * self.history.len() + step;
-                for (column, panel) in self.panels(frame, label, state).into_iter().enumerate() {
+                let panels = self.panels(frame, label, state).into_iter().enumerate();
+                // What was measured is the same beside every state.
+                for (column, panel) in panels.filter(|(column, _)| *column != MEASURED || step == 0) {
                     figure.put(row, column, panel);
                 }
             }
@@ -73,7 +77,7 @@ impl FrameSet {
         let mut panel = Panel::new(Axis::linear("x (px)"), Axis::linear("-y (px)"))
             .title(title.to_owned())
             .equal_aspect();
-        panel.heat_in(
+        panel.picture(
             HeatMap {
                 origin: [
                     window.left as f64 + 0.5 * pitch,

@@ -15,7 +15,7 @@ use crate::grid::Grid;
 use crate::layers::Layers;
 use crate::measured::{Bins, Measured};
 use crate::model::{Sight, State};
-use crate::register;
+use crate::register::{self, Lost};
 use crate::scene::{SceneBody, SceneOrigin};
 use crate::set::FramesSource;
 use crate::table::{Prediction, Row};
@@ -45,6 +45,14 @@ impl Origin {
         }
     }
 
+    /// The light with all that lies on the body, as the table has it.
+    pub(crate) fn detail(&self, camera: &Pinhole, window: &Window) -> Grid {
+        match self {
+            Self::Scene(scene) => scene.detail(camera, window),
+            Self::File(file) => file.preview(camera, window, &Pose::NOMINAL),
+        }
+    }
+
     /// Layers that are enough to be registered by.
     pub(crate) fn outlines(&self, camera: &Pinhole, window: &Window, pose: &Pose) -> Layers {
         match self {
@@ -71,6 +79,8 @@ pub(crate) struct Placed {
     pub(crate) measured: Measured,
     pub(crate) name: String,
     pub(crate) pose: Pose,
+    /// The predicted body's middle, px.
+    pub(crate) middle: DVec2,
     /// Pixels: left, top, right, bottom.
     pub(crate) bounds: [usize; 4],
     pub(crate) exposure_s: f64,
@@ -115,8 +125,14 @@ pub(crate) fn place(
         InputError::new(file, problem).line(row.line).found(format!("{}", row.measured.display()))
     };
     let pose = if source.register {
-        register::find(camera, &origin, &measured).map_err(|problem| {
-            at_row(problem).help("look at the scene, the mask, and which image belongs to which frame")
+        register::find(camera, &origin, &measured).map_err(|problem| match problem {
+            Lost::Why(problem) => {
+                at_row(problem).help("look at the scene, the mask, and which image belongs to which frame")
+            }
+            Lost::Mirrored(straight, flipped) => at_row("the image is mirrored")
+                .found(format!("{}: correlation with the prediction {straight:.3} as it is, {flipped:.3} flipped left to right", row.measured.display()))
+                .expected("an image as the camera sees it: x to the right, y down, east and west not exchanged")
+                .help("flip the image left to right (at any roll that mends it), and look at how it was read out or exported"),
         })?
     } else {
         Pose::NOMINAL
@@ -143,7 +159,15 @@ pub(crate) fn place(
             .help("look at the trajectory, or let the images be registered (--baseline physical)"));
     }
     let name = row.measured.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-    Ok(Placed { origin, measured, name, pose, bounds, exposure_s: row.number("exposure_s").unwrap_or(1.0) })
+    Ok(Placed {
+        origin,
+        measured,
+        name,
+        pose,
+        middle,
+        bounds,
+        exposure_s: row.number("exposure_s").unwrap_or(1.0),
+    })
 }
 
 /// Windows of one bin size, so that all fit into a table.

@@ -111,6 +111,12 @@ impl SceneOrigin {
         self.ellipsoid(&window.pinhole(camera), &self.turned(pose.rotation(camera))).light
     }
 
+    /// The body's light with its map and relief.
+    pub(crate) fn detail(&self, camera: &Pinhole, window: &Window) -> Grid {
+        let renderer = if self.smooth { self.body.lambert() } else { self.body.own() };
+        plane(&render(renderer, window.pinhole(camera), self.state), IF)
+    }
+
     /// The layers that it is registered by: without those of the mesh where the prediction is smooth.
     pub(crate) fn outlines(&self, camera: &Pinhole, window: &Window, pose: &Pose) -> Layers {
         if self.smooth {

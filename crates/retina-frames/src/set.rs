@@ -17,6 +17,7 @@ use crate::pixels::PixelRows;
 use crate::place::{Placed, Scenes, first_state, place, windows};
 use crate::solve::{self, Parameter};
 use crate::table::{self, Row};
+use crate::window::Pose;
 
 /// Where frames come from and what is done with them at first.
 pub struct FramesSource<'a> {
@@ -47,8 +48,12 @@ pub struct FrameSet {
     /// The prediction before anything was added, and with each effect.
     pub(crate) history: Vec<(String, State)>,
     pub(crate) names: Vec<String>,
+    /// Where each prediction was rendered.
+    pub(crate) poses: Vec<Pose>,
+    /// Middles of the bodies as the tables predict them, px.
+    pub(crate) middles: Vec<DVec2>,
     pub(crate) numbers: Vec<(String, Vec<f64>)>,
-    registered: bool,
+    pub(crate) registered: bool,
     files: Vec<PathBuf>,
     notes: Vec<String>,
     saturated: usize,
@@ -158,20 +163,7 @@ impl FrameSet {
                 state.roll_rad = 0.0;
             }
             let blur = state.parts[0].values[0].max(0.0).sqrt();
-            for (frame, placed) in placed.iter().enumerate() {
-                let at =
-                    placed.pose.then(sights[frame].window.middle(), state.shift_px[frame], state.roll_rad);
-                notes.push(format!(
-                    "{}: what is predicted at ({:.2}, {:.2}) px is seen at ({:.2}, {:.2}), turned by {:.3} deg, {:.5} times as large; edges look blurred by {blur:.2} px",
-                    placed.name,
-                    at.from.x,
-                    at.from.y,
-                    at.to.x,
-                    at.to.y,
-                    at.roll_rad.to_degrees(),
-                    1.0 + state.scale
-                ));
-            }
+            notes.push(format!("registered with a blur of {blur:.2} px, which is no part of the prediction"));
             state.parts.clear();
         }
         for (sight, frame) in sights.iter_mut().zip(&placed) {
@@ -181,6 +173,8 @@ impl FrameSet {
         Ok(Self {
             saturated: sum(0),
             history: vec![("baseline".to_owned(), state.clone())],
+            poses: placed.iter().map(|frame| frame.pose).collect(),
+            middles: placed.iter().map(|frame| frame.middle).collect(),
             names: placed.into_iter().map(|frame| frame.name).collect(),
             sights,
             bins,
@@ -194,7 +188,7 @@ impl FrameSet {
     }
 
     /// What the frames can show.
-    fn abilities(&self) -> Abilities {
+    pub(crate) fn abilities(&self) -> Abilities {
         let every = |able: &dyn Fn(&Layers) -> bool| self.sights.iter().all(|sight| able(&sight.layers));
         let lit: Vec<(usize, usize)> = self.lit_rows();
         let r = lit.iter().map(|&(frame, bin)| self.sights[frame].axis_r(bin));
@@ -254,18 +248,24 @@ impl FrameSet {
         self.rows.bins.iter().filter(lit).copied().collect()
     }
 
-    fn parameters(&self, state: &State) -> Vec<Parameter> {
+    pub(crate) fn parameters(&self, state: &State) -> Vec<Parameter> {
         let mut out = Parameter::baseline(self.sights.len(), self.registered);
         out.extend(Parameter::of_parts(state));
         out
     }
 
-    fn tangents(&self, state: &State, at: &[f64], parameters: &[Parameter]) -> Vec<Vec<f64>> {
+    pub(crate) fn tangents(&self, state: &State, at: &[f64], parameters: &[Parameter]) -> Vec<Vec<f64>> {
         parameters.par_iter().map(|p| solve::tangent(&self.sights, &self.rows, state, at, *p)).collect()
     }
 
     /// Columns of a form, per unit of its parameters.
-    fn columns(&self, id: &'static str, form: &Form, lights: &[Grid], at: &[f64]) -> Vec<PixelColumn> {
+    pub(crate) fn columns(
+        &self,
+        id: &'static str,
+        form: &Form,
+        lights: &[Grid],
+        at: &[f64],
+    ) -> Vec<PixelColumn> {
         let names = form.change.names();
         (0..names.len())
             .into_par_iter()
@@ -279,79 +279,9 @@ impl FrameSet {
                     false => solve::predict(&self.sights, &self.rows, &state),
                 };
                 let column = there.iter().zip(at).map(|(t, a)| (t - a) / form.probe).collect();
-                PixelColumn { name: names[k].clone(), values: column }
+                PixelColumn { name: names[k].clone(), values: column, plausible: form.change.plausible() }
             })
             .collect()
-    }
-
-    /// An effect of the catalogue becomes part of the prediction: its best form, with all parameters fitted anew.
-    ///
-    /// # Errors
-    /// No such effect, one that is part already, or one that these frames cannot show.
-    pub fn add(&mut self, id: &str) -> Result<(), InputError> {
-        let refuse = |reason: &str| {
-            InputError::new("--effect", format!("these frames cannot show `{id}`")).found(reason)
-        };
-        if self.state.parts.iter().any(|part| part.id == id) {
-            return Err(refuse("the prediction has it already"));
-        }
-        let all = catalogue(&self.abilities());
-        let Some((id, forms)) = all.into_iter().find(|(known, _)| *known == id) else {
-            return Err(InputError::new("--effect", "is no effect on frames").found(format!("`{id}`")));
-        };
-        let forms = forms.map_err(|reason| refuse(&reason))?;
-        let at = solve::predict(&self.sights, &self.rows, &self.state);
-        let lights = solve::lights(&self.sights, &self.state);
-        let parameters = self.parameters(&self.state);
-        let base = self.tangents(&self.state, &at, &parameters);
-        let error: Vec<f64> = self.rows.measured.iter().zip(&at).map(|(m, p)| m - p).collect();
-        let key = self.rows.noise_key(&self.sights, &self.state);
-        let weight = solve::counted(&self.rows, &key, &error, parameters.len()).weight;
-        let mut best: Option<(f64, Form, Vec<f64>)> = None;
-        for form in forms {
-            let mut columns = base.clone();
-            columns.extend(self.columns(id, &form, &lights, &at).into_iter().map(|column| column.values));
-            let Some(found) = solve::solved(&columns, &error, &weight, 0.0) else { continue };
-            let left: f64 = (0..error.len())
-                .map(|row| {
-                    let fitted: f64 = columns.iter().zip(&found).map(|(c, f)| c[row] * f).sum();
-                    weight[row] * (error[row] - fitted).powi(2)
-                })
-                .sum();
-            let values = found[base.len()..].to_vec();
-            let [low, high] = form.change.range();
-            // A form that would have to be what it cannot be counts only where no other does.
-            let outside = values.iter().any(|value| !(low..=high).contains(value));
-            let left = if outside { 1e3 * left } else { left };
-            if best.as_ref().is_none_or(|(least, ..)| left < *least) {
-                best = Some((left, form, values));
-            }
-        }
-        let Some((_, form, mut values)) = best else { return Err(refuse("its columns say nothing")) };
-        let [low, high] = form.change.range();
-        for value in &mut values {
-            *value = value.clamp(low, high);
-            // A variance of 0 has no way back by its tangent.
-            if low == 0.0 && *value < 0.1 * form.probe {
-                *value = 0.1 * form.probe;
-            }
-        }
-        let mut state = self.state.clone();
-        state.parts.push(Part { id, form, values });
-        let parameters = self.parameters(&state);
-        self.state = solve::fit(&self.sights, &self.rows, state, &parameters);
-        self.history.push((format!("+ {id}"), self.state.clone()));
-        Ok(())
-    }
-
-    /// Takes the last effect out again.
-    pub(crate) fn undo(&mut self) {
-        if self.history.len() > 1 {
-            self.history.pop();
-        }
-        if let Some((_, state)) = self.history.last() {
-            self.state = state.clone();
-        }
     }
 
     /// The effects that are part of the prediction.
@@ -405,7 +335,9 @@ impl FrameSet {
                     .into_iter()
                     .zip(tangents)
                     .zip(&part.values)
-                    .map(|((name, values), value)| (PixelColumn { name, values }, *value))
+                    .map(|((name, values), value)| {
+                        (PixelColumn { name, values, plausible: part.form.change.plausible() }, *value)
+                    })
                     .collect(),
                 shape: part.form.shape.clone(),
             });
@@ -443,6 +375,7 @@ impl FrameSet {
                     [frame as f64, px.x, px.y]
                 })
                 .collect(),
+            pitch_px: self.sights.first().map_or(1.0, |sight| sight.window.bin as f64),
             groups: self.rows.tiles.clone(),
             covariates: self.covariates(&at),
             noise_key: self.rows.noise_key(&self.sights, state),
@@ -451,14 +384,15 @@ impl FrameSet {
                 .iter()
                 .zip(own)
                 .map(|(parameter, values)| {
-                    (PixelColumn { name: parameter.name(frames), values }, parameter.value(state))
+                    let column = PixelColumn { name: self.told_name(*parameter), values, plausible: None };
+                    (column, self.told_value(*parameter))
                 })
                 .collect(),
             effects,
             parts,
             saturated: self.saturated,
             files: self.files.clone(),
-            notes: self.notes.clone(),
+            notes: self.notes.iter().cloned().chain(self.placements()).collect(),
         })
     }
 }

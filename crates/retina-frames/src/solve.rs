@@ -266,3 +266,42 @@ pub(crate) fn solved(columns: &[Vec<f64>], y: &[f64], weight: &[f64], damping: f
     let out: Vec<f64> = (0..n).map(|i| solution[(i, 0)] / size[i]).collect();
     out.iter().all(|v| v.is_finite()).then_some(out)
 }
+
+/// Weighted squares that columns leave.
+pub(crate) fn squares_left(columns: &[Vec<f64>], amplitudes: &[f64], y: &[f64], weight: &[f64]) -> f64 {
+    (0..y.len())
+        .map(|row| {
+            let fitted: f64 = columns.iter().zip(amplitudes).map(|(c, a)| c[row] * a).sum();
+            weight[row] * (y[row] - fitted).powi(2)
+        })
+        .sum()
+}
+
+/// Tiles are left out in this many parts.
+const FOLDS: usize = 10;
+
+/// Amplitudes of columns, and the weighted squares of tiles that were left out part by part.
+pub(crate) fn held_out(
+    rows: &PixelRows,
+    columns: &[Vec<f64>],
+    y: &[f64],
+    weight: &[f64],
+) -> Option<(Vec<f64>, f64)> {
+    let whole = solved(columns, y, weight, 0.0)?;
+    let parts: Vec<Option<f64>> = (0..FOLDS)
+        .into_par_iter()
+        .map(|fold| {
+            let (mut kept, mut left) = (weight.to_vec(), vec![0.0; weight.len()]);
+            let mut start = 0;
+            for (tile, (_, count)) in rows.tiles.iter().enumerate() {
+                if tile % FOLDS == fold {
+                    left[start..start + count].copy_from_slice(&weight[start..start + count]);
+                    kept[start..start + count].fill(0.0);
+                }
+                start += count;
+            }
+            Some(squares_left(columns, &solved(columns, y, &kept, 0.0)?, y, &left))
+        })
+        .collect();
+    Some((whole, parts.into_iter().sum::<Option<f64>>()?))
+}

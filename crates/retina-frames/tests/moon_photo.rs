@@ -73,8 +73,8 @@ fn the_moon_is_explained_step_by_step() {
         FrameSet::read(&FramesSource { files: &files, setup: &setup, calibration: None, register: true })
             .unwrap();
     let (data, _, found) = diagnose_frames(&mut set, &[], &DiagnoseOptions { flips: 499, seed: 1 }).unwrap();
-    for (effects, rms) in &found.steps {
-        println!("{rms:.4} DN  {effects:?}");
+    for step in &found.steps {
+        println!("{:.4} ({:.4}) DN  {:?}", step.heldout_rms, step.heldout_rms_unweighted, step.effects);
     }
     println!(
         "{:?} noise {:.4}, {} pixels, {} saturated",
@@ -83,12 +83,16 @@ fn the_moon_is_explained_step_by_step() {
         data.len(),
         data.saturated
     );
+    for candidate in found.candidates.iter().filter(|c| found.accepted.contains(&c.effect)) {
+        println!("{} {:?}", candidate.effect, candidate.parameters);
+    }
+    println!("{}", data.notes.join("\n"));
     assert_eq!(data.saturated, 262);
-    assert!(found.steps.windows(2).all(|pair| pair[1].1 < pair[0].1));
+    assert!(found.steps.windows(2).all(|pair| pair[1].heldout_rms < pair[0].heldout_rms));
     for effect in ["albedo_map", "photometric_function", "defocus"] {
         assert!(found.accepted.contains(&effect), "{effect}: {:?}", found.accepted);
     }
-    let (first, last) = (found.steps[0].1, found.steps[found.steps.len() - 1].1);
+    let (first, last) = (found.steps[0].heldout_rms, found.steps[found.steps.len() - 1].heldout_rms);
     assert!(last < 0.25 * first, "{first} {last}");
     let svg = set.pictures();
     assert!(svg.matches("measured - predicted").count() == found.steps.len());

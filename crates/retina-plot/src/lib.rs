@@ -18,6 +18,7 @@ mod colour;
 mod figure;
 mod font;
 mod panel;
+mod picture;
 mod raster;
 mod svg;
 

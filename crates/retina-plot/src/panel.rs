@@ -2,6 +2,7 @@
 
 use crate::axis::Axis;
 use crate::colour::{Colour, ColourMap};
+use crate::picture;
 use crate::svg::Svg;
 
 /// Which end of a text stands at its place.
@@ -81,6 +82,7 @@ enum Item {
     Text([f64; 2], [f64; 2], String, f64, Colour, Anchor),
     Arrow([f64; 2], [f64; 2], Style),
     Heat(HeatMap, ColourMap),
+    Picture(HeatMap, ColourMap),
 }
 
 /// Two axes and items in data coordinates.
@@ -188,12 +190,13 @@ impl Panel {
 
     /// A heat map, with its colour bar at the right.
     pub fn heat(&mut self, map: HeatMap) {
-        self.heat_in(map, ColourMap::Sequential);
+        self.items.push(Item::Heat(map, ColourMap::Sequential));
     }
 
-    /// A heat map in colours of one's choice.
-    pub fn heat_in(&mut self, map: HeatMap, colours: ColourMap) {
-        self.items.push(Item::Heat(map, colours));
+    /// A heat map of many cells, in colours of one's choice, as an image inside the drawing. Browsers show it;
+    /// [`crate::png`] leaves images out.
+    pub fn picture(&mut self, map: HeatMap, colours: ColourMap) {
+        self.items.push(Item::Picture(map, colours));
     }
 
     fn extent(&self, axis: usize) -> impl Iterator<Item = f64> + '_ {
@@ -205,7 +208,7 @@ impl Panel {
                 Item::Circle(centre, radius, _) => vec![centre[axis] - radius, centre[axis] + radius],
                 Item::Text(at, ..) => vec![at[axis]],
                 Item::Arrow(from, to, _) => vec![from[axis], to[axis]],
-                Item::Heat(map, _) => {
+                Item::Heat(map, _) | Item::Picture(map, _) => {
                     let count = if axis == 0 { map.columns } else { map.values.len() / map.columns.max(1) };
                     let first = map.origin[axis] - map.pitch[axis] / 2.0;
                     vec![first, first + count as f64 * map.pitch[axis]]
@@ -216,7 +219,9 @@ impl Panel {
 
     fn bar(&self) -> Option<(&HeatMap, ColourMap)> {
         self.items.iter().find_map(|item| match item {
-            Item::Heat(map, colours) if !map.label.is_empty() => Some((map, *colours)),
+            Item::Heat(map, colours) | Item::Picture(map, colours) if !map.label.is_empty() => {
+                Some((map, *colours))
+            }
             _ => None,
         })
     }
@@ -421,15 +426,23 @@ fn draw_item(svg: &mut Svg, map: &Map<'_>, item: &Item) {
             }
         }
         Item::Heat(heat, colours) => draw_heat(svg, map, heat, *colours),
+        Item::Picture(heat, colours) => draw_picture(svg, map, heat, *colours),
+    }
+}
+
+fn draw_picture(svg: &mut Svg, map: &Map<'_>, heat: &HeatMap, colours: ColourMap) {
+    let rows = heat.values.len() / heat.columns.max(1);
+    let low = [heat.origin[0] - 0.5 * heat.pitch[0], heat.origin[1] - 0.5 * heat.pitch[1]];
+    let high = [low[0] + heat.columns as f64 * heat.pitch[0], low[1] + rows as f64 * heat.pitch[1]];
+    let corners = (map.point([low[0], high[1]]), map.point([high[0], low[1]]));
+    if let ((Some(a), Some(b)), Some(png)) = (corners, picture::png(heat, colours)) {
+        svg.image([a[0], a[1], b[0] - a[0], b[1] - a[1]], &picture::base64(&png));
     }
 }
 
 /// Cells of one colour in a row become one rectangle; 64 colours.
 fn draw_heat(svg: &mut Svg, map: &Map<'_>, heat: &HeatMap, colours: ColourMap) {
-    let level = |value: f64| {
-        let t = (value - heat.range[0]) / (heat.range[1] - heat.range[0]);
-        value.is_finite().then(|| (t.clamp(0.0, 1.0) * 63.0).round() as u32)
-    };
+    let level = |value: f64| value.is_finite().then(|| picture::shade(value, heat.range));
     for (row, values) in heat.values.chunks(heat.columns.max(1)).enumerate() {
         let low = heat.origin[1] + (row as f64 - 0.5) * heat.pitch[1];
         let mut start = 0;

@@ -131,6 +131,17 @@ impl Svg {
         ));
     }
 
+    /// A PNG, as base64, over x, y, width and height.
+    pub(crate) fn image(&mut self, [x, y, w, h]: [f64; 4], base64: &str) {
+        self.push(format_args!(
+            "<image x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" image-rendering=\"pixelated\" href=\"data:image/png;base64,{base64}\"/>",
+            px(x),
+            px(y),
+            px(w),
+            px(h)
+        ));
+    }
+
     pub(crate) fn text(
         &mut self,
         at: [f64; 2],

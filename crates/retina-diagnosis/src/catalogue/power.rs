@@ -8,10 +8,10 @@ pub(super) const EFFECTS: &[Effect] = &[
     effect!(
         Power,
         "gamma",
-        "a ln(B / 255): (B / 255)^(2.2 + a)",
+        "a ln(B / 255): (B / 255)^(g + a), g the setup's exponent; `simulate power --effect gamma=G` takes the whole, G = g + a",
         "the facility's paper, radiometric calibration",
         &["digital_count"],
-        "exponent 2.0 to 2.4",
+        "a = -0.2 to 0.2 beside g = 2.2: whole exponents 2.0 to 2.4",
         &["gamma"],
         Some(("low_counts", "counts below 16")),
         gamma

@@ -15,6 +15,8 @@ pub struct PixelColumn {
     pub name: String,
     /// A value for each pixel.
     pub values: Vec<f64>,
+    /// Amplitudes that something real may have, where there are bounds.
+    pub plausible: Option<[f64; 2]>,
 }
 
 /// One form of an effect, linear in its amplitudes.
@@ -57,6 +59,8 @@ pub struct Pixels {
     pub predicted: Vec<f64>,
     /// For each pixel: frame (from 0), x and y in the camera's image, px.
     pub place: Vec<[f64; 3]>,
+    /// Distance of neighbours, px.
+    pub pitch_px: f64,
     /// Name and number of pixels of each group: contiguous tiles.
     pub groups: Vec<(String, usize)>,
     /// What errors may depend on.
@@ -152,7 +156,7 @@ impl Dataset {
 
 /// A column as a term.
 pub(crate) fn term(column: &PixelColumn) -> Term<'_> {
-    Term::new(column.name.clone(), |row| [column.values[row], 0.0])
+    Term { plausible: column.plausible, ..Term::new(column.name.clone(), |row| [column.values[row], 0.0]) }
 }
 
 pub(super) fn baseline(data: &Dataset) -> Vec<Term<'_>> {

@@ -52,12 +52,14 @@ impl TableKind {
 /// A column over the rows: its name and its value(s) in a row, in units of the data per unit of its amplitude.
 pub(crate) struct Term<'a> {
     pub(crate) name: String,
+    /// Amplitudes that something real may have.
+    pub(crate) plausible: Option<[f64; 2]>,
     pub(crate) value: Box<dyn Fn(usize) -> [f64; 2] + Send + Sync + 'a>,
 }
 
 impl<'a> Term<'a> {
     pub(crate) fn new(name: impl Into<String>, value: impl Fn(usize) -> [f64; 2] + Send + Sync + 'a) -> Self {
-        Self { name: name.into(), value: Box::new(value) }
+        Self { name: name.into(), plausible: None, value: Box::new(value) }
     }
 }
 
@@ -66,7 +68,7 @@ impl<'a> Term<'a> {
 pub struct Covariate {
     /// The column's name, or that of a quantity made of columns.
     pub name: String,
-    /// Its value in each row, in the data's order.
+    /// Its value in each row, in the data's order; NaN where the row has none.
     pub values: Vec<f64>,
 }
 

@@ -15,7 +15,13 @@ use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
 use crate::figure::figure_svg;
 use crate::fit::Fit;
-use crate::output::{compare_text, diagnose_text, fit_text};
+use crate::output::{compare_text, diagnose_text, fit_text, implausible_text};
+use crate::step::Step;
+
+/// Name of what a step adds, and its error.
+fn step_error(step: &Step) -> (String, f64) {
+    (step.effects.last().map_or_else(|| "baseline".to_owned(), Clone::clone), step.heldout_rms)
+}
 
 fn number(value: f64) -> String {
     format!("{value:.4}")
@@ -58,11 +64,7 @@ pub fn compare_page(data: &Dataset, added: &[AddedEffect], result: &Comparison) 
 
 /// What is missing, how the error falls with it, and what is left.
 pub fn diagnose_page(data: &Dataset, added: &[AddedEffect], result: &Diagnosis, shapes: &[Shape]) -> Page {
-    let steps: Vec<(String, f64)> = result
-        .steps
-        .iter()
-        .map(|(effects, error)| (effects.last().map_or("baseline", |id| id).to_owned(), *error))
-        .collect();
+    let steps: Vec<(String, f64)> = result.steps.iter().map(step_error).collect();
     let candidates: Vec<Vec<String>> = result
         .candidates
         .iter()
@@ -79,7 +81,7 @@ pub fn diagnose_page(data: &Dataset, added: &[AddedEffect], result: &Diagnosis, 
                 candidate.effect.to_owned(),
                 number(candidate.p_value),
                 number(candidate.heldout_rms),
-                parameters.join("; "),
+                format!("{}{}", parameters.join("; "), implausible_text(&candidate.implausible)),
             ]
         })
         .collect();
@@ -87,7 +89,7 @@ pub fn diagnose_page(data: &Dataset, added: &[AddedEffect], result: &Diagnosis, 
         .section(Section::new("").lines(&diagnose_text(data, result)))
         .section(Section::new("The error of groups left out").figure(
             &ladder_svg(&steps, result.noise_floor, data.kind.unit()),
-            "Per component, as effects are added; below the dashed line nothing but noise is left.",
+            "Per component, weighted by the last model's noise, as effects are added; below the dashed line nothing but noise is left.",
         ))
         .section(Section::new("Errors before anything is added").figure(&figure_svg(data, added), ""));
     for shape in shapes {
@@ -106,11 +108,7 @@ pub fn diagnose_page(data: &Dataset, added: &[AddedEffect], result: &Diagnosis, 
 
 /// What was fitted, and what it leaves.
 pub fn fit_page(data: &Dataset, added: &[AddedEffect], result: &Fit) -> Page {
-    let steps: Vec<(String, f64)> = result
-        .steps
-        .iter()
-        .map(|(effects, error)| (effects.last().map_or_else(|| "baseline".into(), Clone::clone), *error))
-        .collect();
+    let steps: Vec<(String, f64)> = result.steps.iter().map(step_error).collect();
     let parameters: Vec<Vec<String>> = result
         .parameters
         .iter()
@@ -139,7 +137,7 @@ pub fn fit_page(data: &Dataset, added: &[AddedEffect], result: &Fit) -> Page {
     let page = Page::new("fit", &title("Fit", added))
         .section(Section::new("The error of groups left out").figure(
             &ladder_svg(&steps, result.noise_floor, data.kind.unit()),
-            "Per component, as effects are added; below the dashed line nothing but noise is left.",
+            "Per component, weighted by the last model's noise, as effects are added; below the dashed line nothing but noise is left.",
         ))
         .section(Section::new("Before").figure(&figure_svg(data, &[]), "What the baseline alone leaves."))
         .section(Section::new("After").figure(&figure_svg(data, added), "What is left with the effects."))

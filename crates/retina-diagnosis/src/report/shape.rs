@@ -56,6 +56,7 @@ pub fn unexplained_shapes(
     let shape = |name: &String| {
         let values = data.covariate(name)?.values.as_slice();
         let placed = over_field && name != "x" && name != "y";
+        let rows: Vec<usize> = rows.iter().copied().filter(|&row| !values[row].is_nan()).collect();
         Some(shape_over(data, name, values, &fit.residual, &rows, placed))
     };
     Ok(named.iter().filter_map(shape).collect())

@@ -45,6 +45,12 @@ pub(crate) struct Chain {
     /// Beside the optics' own [`OPTICS_PX`], which the prediction has.
     pub(crate) blur_px: f64,
     pub(crate) glare: f64,
+    /// Seidel's coma: c of [`seidel`] at r = 1, px.
+    pub(crate) coma_px: f64,
+    /// Share of the light mirrored at the axis.
+    pub(crate) ghost: f64,
+    /// Where the signal ends, DN.
+    pub(crate) well_dn: f64,
     pub(crate) vignetting: f64,
     pub(crate) nonlinearity: f64,
     pub(crate) offset_dn: f64,
@@ -65,6 +71,9 @@ pub(crate) const PLAIN: Chain = Chain {
     law: lambert,
     blur_px: 0.0,
     glare: 0.0,
+    coma_px: 0.0,
+    ghost: 0.0,
+    well_dn: f64::INFINITY,
     vignetting: 0.0,
     nonlinearity: 0.0,
     offset_dn: 30.0,
@@ -115,6 +124,23 @@ pub(crate) fn write_prediction(path: &Path, ball: &Ball) {
     std::fs::write(path, bytes).unwrap();
 }
 
+/// Points of the pupil in [`seidel`].
+const PUPIL: usize = 24;
+
+/// Where rays of Seidel's coma meet the image, px: c r (rho^2 (2 + cos 2 theta) along the radius, rho^2 sin 2 theta across)
+/// (W. J. Smith, Modern Optical Engineering, ch. 3), r = 1 at half the camera's width; rings of equal area.
+fn seidel(c: f64, from_axis: [f64; 2]) -> [[f64; 2]; PUPIL] {
+    let r = from_axis[0].hypot(from_axis[1]);
+    let along = if r > 0.0 { [from_axis[0] / r, from_axis[1] / r] } else { [0.0; 2] };
+    let size = c * r / (WIDTH as f64 / 2.0);
+    std::array::from_fn(|k| {
+        let (rho2, theta) =
+            (((k / 8) as f64 + 0.5) / 3.0, std::f64::consts::TAU * ((k % 8) as f64 + 0.5) / 8.0);
+        let (a, t) = (size * rho2 * (2.0 + (2.0 * theta).cos()), size * rho2 * (2.0 * theta).sin());
+        [a * along[0] - t * along[1], a * along[1] + t * along[0]]
+    })
+}
+
 /// A photograph.
 pub(crate) fn photograph(ball: &Ball, chain: &Chain, seed: u64) -> CameraImage {
     let (sin, cos) = chain.roll_rad.sin_cos();
@@ -127,7 +153,22 @@ pub(crate) fn photograph(ball: &Ball, chain: &Chain, seed: u64) -> CameraImage {
     let light = |at: [f64; 2]| {
         meet(ball, back(at)).map_or(0.0, |[mu0, mu, _]| if mu0 > 0.0 { (chain.law)(mu0, mu) } else { 0.0 })
     };
-    let mut image = spread(&light, chain.blur_px.hypot(OPTICS_PX));
+    let axis = [WIDTH as f64 / 2.0, HEIGHT as f64 / 2.0];
+    let through = |at: [f64; 2]| {
+        let comatic = |at: [f64; 2]| match chain.coma_px {
+            0.0 => light(at),
+            c => {
+                seidel(c, [at[0] - axis[0], at[1] - axis[1]])
+                    .iter()
+                    .map(|d| light([at[0] - d[0], at[1] - d[1]]))
+                    .sum::<f64>()
+                    / PUPIL as f64
+            }
+        };
+        let mirrored = [2.0 * axis[0] - at[0], 2.0 * axis[1] - at[1]];
+        comatic(at) + if chain.ghost > 0.0 { chain.ghost * comatic(mirrored) } else { 0.0 }
+    };
+    let mut image = spread(&through, chain.blur_px.hypot(OPTICS_PX));
     if chain.glare > 0.0 {
         let halo = spread_pixels(&image, 8.0);
         image.iter_mut().zip(&halo).for_each(|(v, h)| *v += chain.glare * (h - *v));
@@ -140,6 +181,7 @@ pub(crate) fn photograph(ball: &Ball, chain: &Chain, seed: u64) -> CameraImage {
         let r = (x - WIDTH as f64 / 2.0).hypot(y - HEIGHT as f64 / 2.0) / (WIDTH as f64 / 2.0);
         let mut dn = 2800.0 * value / peak * (1.0 - chain.vignetting * r * r);
         dn += chain.nonlinearity * dn * dn / FULL_SCALE;
+        dn = dn.min(chain.well_dn);
         dn += chain.offset_dn;
         if chain.noise {
             let sigma = (dn.max(0.0) / ELECTRONS + READ_NOISE_DN.powi(2)).sqrt();
