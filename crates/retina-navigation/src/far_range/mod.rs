@@ -5,8 +5,11 @@
 //! - [`Photographer`]: a pose's points, also from images of an ideal camera and of the virtual bench.
 //! - [`run_poses`]: attitudes and planets over random poses, resumable.
 //! - [`run_transfer`]: Monte Carlo of the filter.
+//! - [`run_imaged`]: one run of it whose lines of sight come from images, resumable.
 //! - [`report`]: JSON and figures.
 
+mod imaged;
+mod lines;
 mod photograph;
 pub mod points;
 mod poses;
@@ -15,7 +18,8 @@ mod scenario;
 pub mod sky;
 mod transfer;
 
+pub use imaged::{ImagedResult, ImagedSession, run_imaged};
 pub use photograph::Photographer;
 pub use poses::{FarRangeError, PoseResult, PosesSummary, run_poses, summarise};
-pub use scenario::{Choice, ExposureChoice, Images, Poses, Scenario, Transfer};
+pub use scenario::{Choice, ExposureChoice, Images, Poses, Scenario, Transfer, TransferImages};
 pub use transfer::{SessionResult, TransferResult, chi2_mean_bounds, run_transfer};

@@ -1,7 +1,5 @@
 //! Random poses: which attitudes and planets are found, and how well.
 
-use std::fs::OpenOptions;
-use std::io::Write as _;
 use std::path::Path;
 
 use glam::{DQuat, DVec3};
@@ -9,14 +7,14 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution as _, StandardNormal};
 use rayon::prelude::*;
-use retina_files::{InputError, write_atomic};
+use retina_files::InputError;
 use retina_sky::observer::Observer;
 use retina_sky::planets::Planet;
 use retina_sky::trajectory::FramePose;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 use thiserror::Error;
 
+use super::lines::{Line, append, read_done};
 use super::photograph::Photographer;
 use super::scenario::Scenario;
 use super::sky::sources;
@@ -24,11 +22,11 @@ use crate::image::{ImageContext, solve_points};
 use crate::planets::PriorPosition;
 use crate::stars::{SolverOptions, StarSolver};
 
-const ARCSEC: f64 = std::f64::consts::PI / 648_000.0;
+pub(super) const ARCSEC: f64 = std::f64::consts::PI / 648_000.0;
 /// Poses between two writes of the list.
 const CHUNK: usize = 32;
 /// A planet's point is the right one within this distance of where the planet is shown, px.
-const SAME_POINT_PX: f64 = 4.0;
+pub(super) const SAME_POINT_PX: f64 = 4.0;
 
 /// What ends the experiment.
 #[derive(Debug, Error)]
@@ -88,12 +86,11 @@ pub fn run_poses(
     let wanted = scenario.deep_space();
     let (trajectory, planets) = wanted.generate().map_err(|error| FarRangeError::Sky(error.to_string()))?;
     let path = folder.join("poses.jsonl");
-    let mut done = read_done(&path, scenario)?;
+    let mut done = read_done::<PoseResult>(&path, &scenario.poses_hash)?;
     let photographer = Photographer::new(scenario)?;
     let middle_s = 0.5 * (wanted.epochs_tdb_s[0] + wanted.epochs_tdb_s[1]);
     let solver =
         StarSolver::new(photographer.camera(), SolverOptions { tdb_s: middle_s, ..SolverOptions::default() });
-    let cannot = |error: std::io::Error| InputError::new(&path, format!("cannot be written: {error}"));
     let missing: Vec<usize> = (0..scenario.poses.count).filter(|at| !done.contains_key(at)).collect();
     progress(done.len());
     for chunk in missing.chunks(CHUNK) {
@@ -101,56 +98,20 @@ pub fn run_poses(
             .par_iter()
             .map(|&at| run_pose(scenario, &photographer, &solver, at, &trajectory.frames[at], planets[at]))
             .collect::<Result<_, FarRangeError>>()?;
-        let mut text = String::new();
-        for result in results {
-            text.push_str(
-                &serde_json::to_string(&result).map_err(|error| FarRangeError::Sky(error.to_string()))?,
-            );
-            text.push('\n');
-            done.insert(result.pose, result);
-        }
-        let mut file = OpenOptions::new().append(true).open(&path).map_err(cannot)?;
-        file.write_all(text.as_bytes()).map_err(cannot)?;
+        append(&path, &results)?;
+        done.extend(results.into_iter().map(|result| (result.pose, result)));
         progress(done.len());
     }
     Ok(done.into_values().filter(|result| result.pose < scenario.poses.count).collect())
 }
 
-/// The poses that are done; the list is begun where there is none. A last line that was cut short is left out.
-fn read_done(
-    path: &Path,
-    scenario: &Scenario,
-) -> Result<std::collections::BTreeMap<usize, PoseResult>, InputError> {
-    let header = json!({"schema": "retina.far-range-poses/1", "scenario": scenario.poses_hash});
-    if !path.exists() {
-        write_atomic(path, format!("{header}\n").as_bytes())
-            .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))?;
-        return Ok(Default::default());
+impl Line for PoseResult {
+    const SCHEMA: &str = "retina.far-range-poses/1";
+    const WHAT: &str = "poses";
+
+    fn number(&self) -> usize {
+        self.pose
     }
-    let text = retina_files::read_text(path)?;
-    let mut lines = text.lines();
-    let found: Option<serde_json::Value> = lines.next().and_then(|line| serde_json::from_str(line).ok());
-    if found.as_ref() != Some(&header) {
-        return Err(InputError::new(path, "the folder holds poses of another scenario")
-            .line(1)
-            .help("give --out another folder, or take this one away"));
-    }
-    let whole = if text.ends_with('\n') { usize::MAX } else { text.lines().count() - 1 };
-    let mut done = std::collections::BTreeMap::new();
-    let mut kept = format!("{header}\n");
-    for (number, line) in text.lines().enumerate().skip(1).take_while(|(number, _)| *number < whole) {
-        let result: PoseResult = serde_json::from_str(line).map_err(|error| {
-            InputError::new(path, format!("is not a pose's result: {error}")).line(number + 1)
-        })?;
-        kept.push_str(line);
-        kept.push('\n');
-        done.insert(result.pose, result);
-    }
-    if whole != usize::MAX {
-        write_atomic(path, kept.as_bytes())
-            .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))?;
-    }
-    Ok(done)
 }
 
 fn run_pose(
@@ -238,7 +199,7 @@ fn run_pose(
 }
 
 /// The rotation vector from a true attitude to one that was found, camera axes, the short way round.
-fn rotation(found: DQuat, truth: DQuat) -> DVec3 {
+pub(super) fn rotation(found: DQuat, truth: DQuat) -> DVec3 {
     let off = found * truth.inverse();
     (if off.w < 0.0 { -off } else { off }).to_scaled_axis()
 }

@@ -1,8 +1,9 @@
 //! What the experiment says: JSON and figures.
 
-use retina_plot::{Axis, Figure, PALETTE, Panel, Style};
+use retina_plot::{Axis, Colour, Figure, PALETTE, Panel, Style};
 use serde_json::{Value, json};
 
+use super::imaged::ImagedResult;
 use super::poses::{PoseResult, PosesSummary};
 use super::scenario::{Images, Scenario};
 use super::transfer::TransferResult;
@@ -15,7 +16,12 @@ pub const PAPER_PLANET_PERCENT: f64 = 98.82;
 pub const PAPER_THREE_SIGMA: [f64; 2] = [5320.0, 0.97];
 
 /// The document of `navigate far-range --json`.
-pub fn document(scenario: &Scenario, poses: &PosesSummary, transfer: Option<&TransferResult>) -> Value {
+pub fn document(
+    scenario: &Scenario,
+    poses: &PosesSummary,
+    transfer: Option<&TransferResult>,
+    imaged: Option<&ImagedResult>,
+) -> Value {
     let images = match scenario.images {
         Images::Points => "points",
         Images::Ideal => "ideal",
@@ -40,6 +46,8 @@ pub fn document(scenario: &Scenario, poses: &PosesSummary, transfer: Option<&Tra
             "nees_sessions_within": result.nees_within,
             "nis": result.nis,
             "nis_bounds": result.nis_bounds,
+            "images": scenario.transfer.as_ref().map(|transfer| transfer.images),
+            "imaged": imaged,
             "by_session": result.sessions.iter().map(|s| json!({
                 "day": s.day, "planets": s.planets, "distances_m": s.distances_m,
                 "three_sigma_km": s.three_sigma[0], "three_sigma_m_s": s.three_sigma[1],
@@ -91,19 +99,24 @@ pub fn figure_12(results: &[PoseResult]) -> String {
     figure.to_svg()
 }
 
-/// Fig. 13: errors of all samples with the filter's three sigma, and the filter's consistency.
-pub fn figure_13(result: &TransferResult) -> String {
+/// Fig. 13: errors of all samples and of the run on images with the filter's three sigma, and the filter's consistency.
+pub fn figure_13(result: &TransferResult, imaged: Option<&ImagedResult>) -> String {
+    let imaged = imaged.map_or(&[][..], |run| &run.by_session);
     let days = result.sessions.last().map_or(1.0, |s| s.day);
     let mut figure = Figure::new("", 1, 3, [430.0, 330.0]);
     for (k, (title, label)) in
         [("Position", "error (km)"), ("Velocity", "error (m/s)")].into_iter().enumerate()
     {
         let values = result.sessions.iter().flat_map(|s| s.errors.iter().map(move |e| e[k]));
+        let values = values.chain(imaged.iter().map(|s| s.error[k]));
         let (least, most) = values.fold((f64::INFINITY, 0.0f64), |(low, high), v| (low.min(v), high.max(v)));
-        let top = result.sessions.iter().map(|s| s.three_sigma[k]).fold(most, f64::max);
+        let bounds = result.sessions.iter().map(|s| s.three_sigma[k]);
+        let top = bounds.chain(imaged.iter().map(|s| s.three_sigma[k])).fold(most, f64::max);
+        // A decade for the legend where it names two lines more.
+        let room = if imaged.is_empty() { 1.3 } else { 10.0 };
         let mut panel = Panel::new(
             Axis::linear("day").range(0.0, days),
-            Axis::log(label).range(least.max(top * 1e-5), 1.3 * top),
+            Axis::log(label).range(least.max(top * 1e-5), room * top),
         )
         .title(format!("{title}: {} samples", result.samples));
         for sample in 0..result.samples {
@@ -113,6 +126,12 @@ pub fn figure_13(result: &TransferResult) -> String {
         }
         let bound: Vec<[f64; 2]> = result.sessions.iter().map(|s| [s.day, s.three_sigma[k]]).collect();
         panel.line("3 sigma of the filter", &bound, Style::line(PALETTE[0]).width(2.0));
+        if !imaged.is_empty() {
+            let error: Vec<[f64; 2]> = imaged.iter().map(|s| [s.day, s.error[k].max(top * 1e-5)]).collect();
+            panel.line("one run on images", &error, Style::line(Colour::BLACK).width(2.0));
+            let own: Vec<[f64; 2]> = imaged.iter().map(|s| [s.day, s.three_sigma[k]]).collect();
+            panel.line("its 3 sigma", &own, Style::line(Colour::BLACK).dashed());
+        }
         let paper = [[0.0, PAPER_THREE_SIGMA[k]], [days, PAPER_THREE_SIGMA[k]]];
         panel.line("the paper's, at the end", &paper, Style::line(PALETTE[2]).dashed());
         figure.put(0, k, panel);

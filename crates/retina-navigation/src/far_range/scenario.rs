@@ -23,6 +23,29 @@ pub enum Images {
     Bench,
 }
 
+/// Which images a transfer's filter is run on, besides the Monte Carlo.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TransferImages {
+    /// None.
+    None,
+    /// As [`Images::Ideal`].
+    Ideal,
+    /// As [`Images::Bench`].
+    Bench,
+}
+
+impl TransferImages {
+    /// How they are taken, where there are any.
+    pub fn taken(self) -> Option<Images> {
+        match self {
+            Self::None => None,
+            Self::Ideal => Some(Images::Ideal),
+            Self::Bench => Some(Images::Bench),
+        }
+    }
+}
+
 /// The file as it is written.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -103,6 +126,10 @@ struct TransferFile {
     interval_s: f64,
     #[serde(default = "samples")]
     samples: usize,
+    #[serde(default = "none")]
+    images: TransferImages,
+    #[serde(default = "four")]
+    imaged_per_session: usize,
     planets: Vec<String>,
     #[serde(default = "exclusion")]
     sun_exclusion_deg: f64,
@@ -127,6 +154,12 @@ fn interval() -> f64 {
 fn samples() -> usize {
     100
 }
+fn none() -> TransferImages {
+    TransferImages::None
+}
+fn four() -> usize {
+    4
+}
 fn exclusion() -> f64 {
     20.0
 }
@@ -146,6 +179,10 @@ pub struct Transfer {
     pub interval_s: f64,
     /// Monte Carlo samples.
     pub samples: usize,
+    /// The images of one more run of the filter.
+    pub images: TransferImages,
+    /// How many of each session's images are taken for it, evenly among them.
+    pub imaged_per_session: usize,
     /// Planets that may be looked at.
     pub planets: Vec<Planet>,
     /// Least angle between a planet and the Sun, rad.
@@ -169,6 +206,8 @@ pub struct Transfer {
 pub struct Choice {
     /// Where the measurements come from.
     pub images: Option<Images>,
+    /// Which images a transfer's filter is run on.
+    pub transfer_images: Option<TransferImages>,
     /// Number of random poses.
     pub poses: Option<usize>,
     /// The bench's calibration.
@@ -196,6 +235,8 @@ pub struct Scenario {
     pub transfer: Option<Transfer>,
     /// Hash of all that decides a pose's result, but the number of poses.
     pub poses_hash: String,
+    /// Hash of all that decides what the transfer's images give; empty without any.
+    pub transfer_hash: String,
 }
 
 impl Scenario {
@@ -213,14 +254,19 @@ impl Scenario {
         }
         file.images = choice.images.unwrap_or(file.images);
         file.poses.count = choice.poses.unwrap_or(file.poses.count);
+        if let (Some(transfer), Some(images)) = (&mut file.transfer, choice.transfer_images) {
+            transfer.images = images;
+        }
         let folder = path.parent().unwrap_or(Path::new(""));
         let setup_path = folder.join(&file.setup);
         let setup = Setup::read(&setup_path).map_err(|error| error.named_by(path, "setup"))?;
         let own = || file.calibration.as_ref().map(|own| folder.join(own));
         let calibration_path = choice.calibration.clone().or_else(own).or_else(|| setup.calibration_path());
-        let calibration = match (&calibration_path, file.images) {
-            (Some(own), Images::Bench) => Some(Calibration::read(own, &setup)?),
-            (None, Images::Bench) => {
+        let of_transfer = file.transfer.as_ref().and_then(|transfer| transfer.images.taken());
+        let on_bench = [Some(file.images), of_transfer].contains(&Some(Images::Bench));
+        let calibration = match (&calibration_path, on_bench) {
+            (Some(own), true) => Some(Calibration::read(own, &setup)?),
+            (None, true) => {
                 return Err(InputError::new(
                     path,
                     "images of the bench need a calibration: the screen is compensated by it",
@@ -232,17 +278,33 @@ impl Scenario {
         };
         file.check(path)?;
         let transfer = file.transfer.as_ref().map(|transfer| transfer.read(path)).transpose()?;
+        let setup_text = read_text(&setup_path)?;
+        let calibration_text = match (&calibration, &calibration_path) {
+            (Some(_), Some(own)) => read_text(own)?,
+            _ => String::new(),
+        };
+        let hash = |images: Images, decides: String| {
+            let calibration = if images == Images::Bench { calibration_text.as_str() } else { "" };
+            hash_bytes([&decides, &setup_text, calibration].concat().as_bytes())
+        };
         // What is shown and how it is measured; the number of poses and the transfer change no pose.
         let decides = (&file.images, file.seed, &file.points, &file.exposure, {
             let mut poses = file.poses.clone();
             poses.count = 0;
             poses
         });
-        let mut text = serde_json::to_string(&decides).unwrap_or_default();
-        text.push_str(&read_text(&setup_path)?);
-        if let (Some(_), Some(own)) = (&calibration, &calibration_path) {
-            text.push_str(&read_text(own)?);
-        }
+        let poses_hash = hash(file.images, serde_json::to_string(&decides).unwrap_or_default());
+        let transfer_hash = of_transfer.map_or(String::new(), |images| {
+            let mut own = file.transfer.clone();
+            // The Monte Carlo's own keys change no image.
+            if let Some(own) = &mut own {
+                (own.samples, own.line_of_sight_sigma_arcsec) = (0, None);
+            }
+            let mut poses = file.poses.clone();
+            (poses.count, poses.position_3_sigma_km) = (0, 0.0);
+            let decides = (own, file.seed, &file.points, &file.exposure, poses);
+            hash(images, serde_json::to_string(&decides).unwrap_or_default())
+        });
         Ok(Self {
             setup,
             calibration,
@@ -252,7 +314,8 @@ impl Scenario {
             points: file.points,
             exposure: file.exposure,
             transfer,
-            poses_hash: hash_bytes(text.as_bytes()),
+            poses_hash,
+            transfer_hash,
         })
     }
 
@@ -317,6 +380,12 @@ impl TransferFile {
                 "above 0, at most `days`",
             ),
             ("images_per_session", self.images_per_session as f64, self.images_per_session >= 2, "2 or more"),
+            (
+                "imaged_per_session",
+                self.imaged_per_session as f64,
+                (2..=self.images_per_session).contains(&self.imaged_per_session),
+                "2 to `images_per_session`",
+            ),
             (
                 "interval_s",
                 self.interval_s,
@@ -388,6 +457,8 @@ impl TransferFile {
             images_per_session: self.images_per_session,
             interval_s: self.interval_s,
             samples: self.samples,
+            images: self.images,
+            imaged_per_session: self.imaged_per_session,
             planets,
             sun_exclusion_rad: self.sun_exclusion_deg.to_radians(),
             line_of_sight_sigma_rad: self.line_of_sight_sigma_arcsec.map(|s| (s / 3600.0).to_radians()),

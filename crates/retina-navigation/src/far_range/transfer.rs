@@ -10,7 +10,7 @@ use retina_sky::planets::{Planet, seen_planet};
 use serde::Serialize;
 
 use super::points::uniform;
-use super::poses::FarRangeError;
+use super::poses::{ARCSEC, FarRangeError};
 use super::scenario::Transfer;
 use crate::filter::{
     Beacon, Dynamics, EphemerisTable, Filter, Matrix6, PhaseState, apparent_direction, cholesky,
@@ -72,17 +72,118 @@ pub struct TransferResult {
 
 /// What a sample brought in a session.
 struct Record {
-    error: [f64; 2],
-    three_sigma: [f64; 2],
-    nees: f64,
+    standing: Standing,
     nis: (f64, usize),
     fix: Option<[f64; 2]>,
 }
 
 /// A session as it is planned on the reference trajectory.
-struct Session {
-    tdb_s: f64,
+pub(super) struct Session {
+    /// When its first image is taken.
+    pub(super) tdb_s: f64,
+    /// The planets it looks at, with their distances, m.
     planets: Vec<(Planet, f64)>,
+}
+
+impl Session {
+    /// The planet that an image of the session looks at: one in its first half, the other in its second.
+    pub(super) fn planet(&self, image: usize, images: usize) -> Option<Planet> {
+        self.planets.get(2 * image / images).or(self.planets.first()).map(|&(planet, _)| planet)
+    }
+}
+
+/// The reference trajectory with its sessions.
+pub(super) struct Course {
+    pub(super) dynamics: Dynamics,
+    begin: PhaseState,
+    pub(super) begin_s: f64,
+    pub(super) sessions: Vec<Session>,
+}
+
+impl Course {
+    /// Integrates backwards from the arrival, and plans the sessions.
+    pub(super) fn new(transfer: &Transfer) -> Result<Self, FarRangeError> {
+        let begin_s = transfer.arrival_tdb_s - transfer.length_s;
+        // Light from Saturn is up to 2 hours old; the last session ends after the arrival.
+        let session_length_s = transfer.images_per_session as f64 * transfer.interval_s;
+        let ephemeris = EphemerisTable::new([begin_s, transfer.arrival_tdb_s + session_length_s + 86_400.0])
+            .map_err(|error| FarRangeError::Sky(error.to_string()))?;
+        let dynamics = Dynamics { ephemeris, pressure_area_m2_kg: transfer.pressure_area_m2_kg };
+        let mars_s = transfer.arrival_tdb_s;
+        let mars = |t: f64| dynamics.ephemeris.planet(Planet::Mars, t);
+        let arrival = PhaseState {
+            position_m: mars(mars_s) + DVec3::from_array(transfer.arrival_offset_m),
+            velocity_m_s: (mars(mars_s + 300.0) - mars(mars_s - 300.0)) / 600.0
+                + DVec3::from_array(transfer.arrival_velocity_m_s),
+        };
+        let begin = dynamics.propagate(arrival, mars_s, begin_s);
+        let sessions = plan(transfer, &dynamics, begin, begin_s)?;
+        Ok(Self { dynamics, begin, begin_s, sessions })
+    }
+
+    /// The truth at the beginning, and a filter that starts off by a draw of its initial covariance.
+    pub(super) fn start(&self, transfer: &Transfer, random: &mut ChaCha8Rng) -> Option<(PhaseState, Filter)> {
+        let mut covariance: Matrix6 = [[0.0; 6]; 6];
+        for i in 0..6 {
+            covariance[i][i] = transfer.initial_sigma[i / 3].powi(2);
+        }
+        let root = cholesky(&covariance)?;
+        let deviates: [f64; 6] = std::array::from_fn(|_| normal(random));
+        let start = self.begin.to_array();
+        let first: [f64; 6] =
+            std::array::from_fn(|i| start[i] + (0..6).map(|j| root[i][j] * deviates[j]).sum::<f64>());
+        let filter = Filter {
+            tdb_s: self.begin_s,
+            state: PhaseState::from_array(first),
+            covariance,
+            acceleration_sigma_m_s2: transfer.acceleration_sigma_m_s2,
+        };
+        Some((self.begin, filter))
+    }
+
+    /// The truth at a later instant, pulled by an acceleration that the filter does not know, as it believes it to be.
+    pub(super) fn pulled(
+        &self,
+        truth: PhaseState,
+        [from_s, to_s]: [f64; 2],
+        acceleration_sigma_m_s2: f64,
+        random: &mut ChaCha8Rng,
+    ) -> PhaseState {
+        let dt = to_s - from_s;
+        let mut truth = self.dynamics.propagate(truth, from_s, to_s);
+        let pull = DVec3::from_array(std::array::from_fn(|_| normal(random))) * acceleration_sigma_m_s2;
+        truth.position_m += pull * (0.5 * dt * dt);
+        truth.velocity_m_s += pull * dt;
+        truth
+    }
+}
+
+pub(super) fn normal(random: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(random)
+}
+
+/// Where a filter stands beside the truth.
+pub(super) struct Standing {
+    /// Error: km, m/s.
+    pub(super) error: [f64; 2],
+    /// Three sigma: km, m/s.
+    pub(super) three_sigma: [f64; 2],
+    /// Normalised estimation error squared.
+    pub(super) nees: f64,
+}
+
+impl Standing {
+    /// `None`: the covariance is not positive definite.
+    pub(super) fn new(filter: &Filter, truth: &PhaseState) -> Option<Self> {
+        let error = truth.minus(filter.state);
+        let length = |first: usize| error[first..first + 3].iter().map(|v| v * v).sum::<f64>().sqrt();
+        let [r, v] = filter.three_sigma();
+        Some(Self {
+            error: [length(0) / 1e3, length(3)],
+            three_sigma: [r / 1e3, v],
+            nees: quadratic_form_inverse(&filter.covariance, &error)?,
+        })
+    }
 }
 
 /// Runs the Monte Carlo: `sigma_rad` is a line of sight's standard deviation per axis, `used` the share of images
@@ -112,30 +213,15 @@ struct Noise {
 
 fn run(transfer: &Transfer, noise: Noise, seed: u64) -> Result<TransferResult, FarRangeError> {
     let Noise { sigma_rad, used, .. } = noise;
-    let sky = |error: &dyn std::fmt::Display| FarRangeError::Sky(error.to_string());
-    let begin_s = transfer.arrival_tdb_s - transfer.length_s;
-    // Light from Saturn is up to 2 hours old; the last session ends after the arrival.
-    let session_length_s = transfer.images_per_session as f64 * transfer.interval_s;
-    let ephemeris = EphemerisTable::new([begin_s, transfer.arrival_tdb_s + session_length_s + 86_400.0])
-        .map_err(|error| sky(&error))?;
-    let dynamics = Dynamics { ephemeris, pressure_area_m2_kg: transfer.pressure_area_m2_kg };
-    let mars_s = transfer.arrival_tdb_s;
-    let mars = |t: f64| dynamics.ephemeris.planet(Planet::Mars, t);
-    let arrival = PhaseState {
-        position_m: mars(mars_s) + DVec3::from_array(transfer.arrival_offset_m),
-        velocity_m_s: (mars(mars_s + 300.0) - mars(mars_s - 300.0)) / 600.0
-            + DVec3::from_array(transfer.arrival_velocity_m_s),
-    };
-    let begin = dynamics.propagate(arrival, mars_s, begin_s);
-    let plan = plan(transfer, &dynamics, begin, begin_s, sigma_rad)?;
+    let course = Course::new(transfer)?;
+    let (dynamics, begin, begin_s) = (&course.dynamics, course.begin, course.begin_s);
     let samples: Vec<Vec<Record>> = (0..transfer.samples)
         .into_par_iter()
-        .map(|sample| run_sample(transfer, &dynamics, (begin, begin_s), &plan, noise, seed, sample))
+        .map(|sample| run_sample(transfer, &course, noise, seed, sample))
         .collect::<Option<_>>()
-        .ok_or_else(|| {
-            FarRangeError::Sky("a covariance of the filter is not positive definite".to_owned())
-        })?;
-    let sessions = plan
+        .ok_or_else(not_definite)?;
+    let sessions = course
+        .sessions
         .iter()
         .enumerate()
         .map(|(at, session)| {
@@ -172,14 +258,20 @@ fn run(transfer: &Transfer, noise: Noise, seed: u64) -> Result<TransferResult, F
     })
 }
 
+/// A filter's failure.
+pub(super) fn not_definite() -> FarRangeError {
+    FarRangeError::Sky("a covariance of the filter is not positive definite".to_owned())
+}
+
 /// The sessions, each with the two planets that fix the position best: least trace of the triangulation's covariance.
 fn plan(
     transfer: &Transfer,
     dynamics: &Dynamics,
     begin: PhaseState,
     begin_s: f64,
-    sigma_rad: f64,
 ) -> Result<Vec<Session>, FarRangeError> {
+    // Which pair is best does not depend on it.
+    let sigma_rad = ARCSEC;
     let count = (transfer.length_s / transfer.session_s + 1e-9) as usize + 1;
     let mut sessions = Vec::new();
     let (mut state, mut now_s) = (begin, begin_s);
@@ -227,50 +319,24 @@ fn plan(
 
 fn run_sample(
     transfer: &Transfer,
-    dynamics: &Dynamics,
-    (begin, begin_s): (PhaseState, f64),
-    plan: &[Session],
+    course: &Course,
     Noise { sigma_rad, believed_rad, used }: Noise,
     seed: u64,
     sample: usize,
 ) -> Option<Vec<Record>> {
+    let dynamics = &course.dynamics;
     let mut random = ChaCha8Rng::seed_from_u64(seed ^ 0x6d61_7273);
     random.set_stream(sample as u64);
-    let normal = |random: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(random) };
-    let mut covariance: Matrix6 = [[0.0; 6]; 6];
-    for i in 0..6 {
-        covariance[i][i] = transfer.initial_sigma[i / 3].powi(2);
-    }
-    let root = cholesky(&covariance)?;
-    let deviates: [f64; 6] = std::array::from_fn(|_| normal(&mut random));
-    let start = begin.to_array();
-    let first: [f64; 6] =
-        std::array::from_fn(|i| start[i] + (0..6).map(|j| root[i][j] * deviates[j]).sum::<f64>());
-    let mut filter = Filter {
-        tdb_s: begin_s,
-        state: PhaseState::from_array(first),
-        covariance,
-        acceleration_sigma_m_s2: transfer.acceleration_sigma_m_s2,
-    };
-    let mut truth = begin;
+    let (mut truth, mut filter) = course.start(transfer, &mut random)?;
     let mut records = Vec::new();
-    for session in plan {
+    for session in &course.sessions {
         let mut nis = (0.0, 0);
         for image in 0..transfer.images_per_session {
             let tdb_s = session.tdb_s + image as f64 * transfer.interval_s;
-            let dt = tdb_s - filter.tdb_s;
-            truth = dynamics.propagate(truth, filter.tdb_s, tdb_s);
-            // The acceleration that the filter does not know, as it believes it to be.
-            let pull = DVec3::from_array(std::array::from_fn(|_| normal(&mut random)))
-                * transfer.acceleration_sigma_m_s2;
-            truth.position_m += pull * (0.5 * dt * dt);
-            truth.velocity_m_s += pull * dt;
+            let span_s = [filter.tdb_s, tdb_s];
+            truth = course.pulled(truth, span_s, transfer.acceleration_sigma_m_s2, &mut random);
             filter.predict(dynamics, tdb_s);
-            let Some(&(planet, _)) =
-                session.planets.get(2 * image / transfer.images_per_session).or(session.planets.first())
-            else {
-                continue;
-            };
+            let Some(planet) = session.planet(image, transfer.images_per_session) else { continue };
             let noise = [normal(&mut random), normal(&mut random)];
             if uniform(&mut random) >= used {
                 continue;
@@ -282,18 +348,7 @@ fn run_sample(
             nis = (nis.0 + innovation.nis, nis.1 + 1);
         }
         let fix = fix_error(dynamics, session, &filter, &truth, &mut random, sigma_rad);
-        let error = truth.minus(filter.state);
-        let length = |first: usize| error[first..first + 3].iter().map(|v| v * v).sum::<f64>().sqrt();
-        records.push(Record {
-            error: [length(0) / 1e3, length(3)],
-            three_sigma: {
-                let [r, v] = filter.three_sigma();
-                [r / 1e3, v]
-            },
-            nees: quadratic_form_inverse(&filter.covariance, &error)?,
-            nis,
-            fix,
-        });
+        records.push(Record { standing: Standing::new(&filter, &truth)?, nis, fix });
     }
     Some(records)
 }
@@ -340,12 +395,13 @@ fn summarise(session: &Session, begin_s: f64, records: &[&Record]) -> SessionRes
         day: (session.tdb_s - begin_s) / 86_400.0,
         planets: session.planets.iter().map(|(planet, _)| planet.name()).collect(),
         distances_m: session.planets.iter().map(|(_, distance)| *distance).collect(),
-        three_sigma: [0, 1].map(|k| mean(&|r| r.three_sigma[k])),
-        rms: [0, 1].map(|k| mean(&|r| r.error[k].powi(2)).sqrt()),
-        errors: records.iter().map(|r| r.error).collect(),
-        nees: mean(&|r| r.nees),
+        three_sigma: [0, 1].map(|k| mean(&|r| r.standing.three_sigma[k])),
+        rms: [0, 1].map(|k| mean(&|r| r.standing.error[k].powi(2)).sqrt()),
+        errors: records.iter().map(|r| r.standing.error).collect(),
+        nees: mean(&|r| r.standing.nees),
         nis: records.iter().map(|r| r.nis.0).sum::<f64>() / updates as f64,
-        within: [0, 1].map(|k| mean(&|r| f64::from(u8::from(r.error[k] <= r.three_sigma[k])))),
+        within: [0, 1]
+            .map(|k| mean(&|r| f64::from(u8::from(r.standing.error[k] <= r.standing.three_sigma[k])))),
         fix_km,
     }
 }
@@ -361,6 +417,7 @@ pub fn chi2_mean_bounds(freedom: usize, count: usize) -> [f64; 2] {
 
 #[cfg(test)]
 mod tests {
+    use super::super::scenario::TransferImages;
     use super::*;
 
     #[test]
@@ -378,6 +435,8 @@ mod tests {
             images_per_session: 12,
             interval_s: 600.0,
             samples,
+            images: TransferImages::None,
+            imaged_per_session: 4,
             planets: vec![Planet::Venus, Planet::Earth, Planet::Jupiter, Planet::Saturn],
             sun_exclusion_rad: 0.3,
             line_of_sight_sigma_rad: None,

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, write_atomic};
 use retina_navigation::far_range::{
-    Choice, FarRangeError, Images, Scenario, report, run_poses, run_transfer, summarise,
+    Choice, FarRangeError, ImagedResult, Images, Scenario, Transfer, TransferImages, report, run_imaged,
+    run_poses, run_transfer, summarise,
 };
 use serde_json::Value;
 
@@ -15,6 +16,16 @@ use crate::output::{print_json, tell};
 enum ImagesName {
     /// No pixels: positions with noise.
     Points,
+    /// An ideal camera.
+    Ideal,
+    /// The virtual bench.
+    Bench,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum TransferImagesName {
+    /// None: the Monte Carlo alone.
+    None,
     /// An ideal camera.
     Ideal,
     /// The virtual bench.
@@ -32,6 +43,9 @@ pub(crate) struct Arguments {
     /// Where the measurements come from, in the place of the scenario's own.
     #[arg(long, value_enum)]
     images: Option<ImagesName>,
+    /// Images of one more run of the transfer's filter, in the place of the scenario's own.
+    #[arg(long, value_enum)]
+    transfer_images: Option<TransferImagesName>,
     /// Number of random poses, in the place of the scenario's own.
     #[arg(long)]
     poses: Option<usize>,
@@ -59,7 +73,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         ImagesName::Ideal => Images::Ideal,
         ImagesName::Bench => Images::Bench,
     });
-    let choice = Choice { images, poses: arguments.poses, calibration: arguments.calibration.clone() };
+    let transfer_images = arguments.transfer_images.map(|name| match name {
+        TransferImagesName::None => TransferImages::None,
+        TransferImagesName::Ideal => TransferImages::Ideal,
+        TransferImagesName::Bench => TransferImages::Bench,
+    });
+    let choice = Choice {
+        images,
+        transfer_images,
+        poses: arguments.poses,
+        calibration: arguments.calibration.clone(),
+    };
     let scenario = Scenario::read(&arguments.scenario, &choice)?;
     std::fs::create_dir_all(&arguments.out)
         .map_err(|error| InputError::new(&arguments.out, format!("the folder cannot be made: {error}")))?;
@@ -83,8 +107,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         summary.about_percentiles_arcsec[0],
         summary.about_percentiles_arcsec[2],
     );
-    let transfer = match &scenario.transfer {
-        None => None,
+    let (transfer, imaged) = match &scenario.transfer {
+        None => (None, None),
         Some(transfer) => {
             let measured = (summary.planet_sigma_arcsec / 3600.0).to_radians();
             let sigma_rad = transfer.line_of_sight_sigma_rad.unwrap_or(measured);
@@ -96,7 +120,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             }
             let used = summary.attitude_found_percent * summary.planet_found_percent * 1e-4;
             let result = run_transfer(transfer, sigma_rad, used, scenario.seed)?;
-            write(&arguments.out, "figure-13.svg", &report::figure_13(&result))?;
+            let imaged = imaged(&scenario, transfer, &arguments.out)?;
+            write(&arguments.out, "figure-13.svg", &report::figure_13(&result, imaged.as_ref()))?;
             if let Some(last) = result.sessions.last() {
                 tell!(
                     "transfer of {:.0} days: {:.0} km and {:.3} m/s at the end, 3 sigma (the paper: {:.0} km, {} m/s); lines of \
@@ -113,12 +138,38 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
                     result.nis_bounds[1]
                 );
             }
-            Some(result)
+            (Some(result), imaged)
         }
     };
-    let document: Value = report::document(&scenario, &summary, transfer.as_ref());
+    let document: Value = report::document(&scenario, &summary, transfer.as_ref(), imaged.as_ref());
     write(&arguments.out, "far-range.json", &format!("{document:#}\n"))?;
     if arguments.json { print_json(&document) } else { Ok(()) }
+}
+
+/// The transfer's run on images, where the scenario wants one.
+fn imaged(scenario: &Scenario, transfer: &Transfer, out: &Path) -> Result<Option<ImagedResult>, Failure> {
+    let Some(images) = transfer.images.taken() else { return Ok(None) };
+    let sessions = (transfer.length_s / transfer.session_s) as u64 + 1;
+    let bar = crate::progress::counter(sessions * transfer.imaged_per_session as u64, "images");
+    let run = run_imaged(scenario, transfer, images, out, &mut |done| bar.set_position(done as u64))?;
+    bar.finish_and_clear();
+    tell!(
+        "on {} images: {} attitudes found, {} planets identified ({} saturated), {} wrong; {:.0} km and {:.3} m/s off at the \
+         end, 3 sigma {:.0} km and {:.3} m/s; NIS {:.3} (bounds {:.3} to {:.3})",
+        run.images,
+        run.attitudes_found,
+        run.planets_identified,
+        run.planets_saturated,
+        run.wrong,
+        run.final_error[0],
+        run.final_error[1],
+        run.final_three_sigma[0],
+        run.final_three_sigma[1],
+        run.nis.unwrap_or(f64::NAN),
+        run.nis_bounds[0],
+        run.nis_bounds[1]
+    );
+    Ok(Some(run))
 }
 
 fn write(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {

@@ -1,0 +1,426 @@
+//! One run of a transfer's filter whose lines of sight come from images: photographed, solved, identified.
+
+use std::path::Path;
+
+use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rayon::prelude::*;
+use retina_geometry::Pinhole;
+use retina_sky::ephemeris::LIGHT_SPEED_M_S;
+use retina_sky::observer::Observer;
+use retina_sky::planets::{Planet, seen_planet};
+use serde::{Deserialize, Serialize};
+
+use super::lines::{Line, append, read_done};
+use super::photograph::Photographer;
+use super::points::uniform;
+use super::poses::{ARCSEC, FarRangeError, SAME_POINT_PX, rotation};
+use super::scenario::{Images, Scenario, Transfer};
+use super::sky::{Source, sources};
+use super::transfer::{Course, Standing, chi2_mean_bounds, not_definite};
+use crate::filter::{Dynamics, Filter, PhaseState, apparent_direction, tangent_axes};
+use crate::image::{ImageContext, solve_points};
+use crate::planets::{PlanetSight, PriorPosition};
+use crate::stars::{SolverOptions, StarPoint, StarSolver};
+
+/// What one image gave: a line of `transfer.jsonl`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct ImagedLine {
+    /// Its number among the images that are taken.
+    image: usize,
+    /// The planet that the camera looks at.
+    planet: String,
+    /// Points of light found.
+    points: usize,
+    /// `solved`, `wrong`, or why not.
+    outcome: String,
+    /// The planet: `found`, `missed` or `wrong`; nothing where there is no attitude.
+    planet_outcome: Option<String>,
+    /// Its line of sight along inertial axes, as measured.
+    direction: Option<DVec3>,
+    /// The direction's covariance along inertial axes, rad^2; rank two.
+    covariance_rad2: Option<DMat3>,
+    /// Error of the line of sight, arcsec, where the planet was found.
+    planet_arcsec: Option<f64>,
+    /// The planet's point is saturated.
+    planet_saturated: Option<bool>,
+}
+
+impl Line for ImagedLine {
+    const SCHEMA: &str = "retina.far-range-transfer/1";
+    const WHAT: &str = "images";
+
+    fn number(&self) -> usize {
+        self.image
+    }
+}
+
+/// The filter at the end of a session.
+#[derive(Debug, Clone, Serialize)]
+pub struct ImagedSession {
+    /// Since the beginning, days.
+    pub day: f64,
+    /// Error: km, m/s.
+    pub error: [f64; 2],
+    /// Three sigma (root of the covariance's trace): km, m/s.
+    pub three_sigma: [f64; 2],
+    /// Normalised estimation error squared; chi-square of six degrees of freedom.
+    pub nees: f64,
+    /// Lines of sight that were taken in.
+    pub updates: usize,
+    /// Their mean normalised innovation squared; 2 is expected.
+    pub nis: Option<f64>,
+}
+
+/// A run of the filter on images.
+#[derive(Debug, Clone, Serialize)]
+pub struct ImagedResult {
+    /// Images taken.
+    pub images: usize,
+    /// Attitudes found, and right.
+    pub attitudes_found: usize,
+    /// Planets identified, and right.
+    pub planets_identified: usize,
+    /// Attitudes and planets that were given and are not right; the filter has taken them in.
+    pub wrong: usize,
+    /// Planets identified whose point is saturated.
+    pub planets_saturated: usize,
+    /// Errors of the lines of sight: 50 and 95 % are within, arcsec.
+    pub planet_percentiles_arcsec: Option<[f64; 2]>,
+    /// Error at the end: km, m/s.
+    pub final_error: [f64; 2],
+    /// Three sigma at the end: km, m/s.
+    pub final_three_sigma: [f64; 2],
+    /// Mean normalised innovation squared over all lines of sight; 2 is expected.
+    pub nis: Option<f64>,
+    /// Its 99 % bounds.
+    pub nis_bounds: [f64; 2],
+    /// 99 % bounds of one session's NEES.
+    pub nees_bounds: [f64; 2],
+    /// Session by session.
+    pub by_session: Vec<ImagedSession>,
+}
+
+/// One image, as the true path has it.
+struct Shot {
+    /// Its number among all that are taken.
+    image: usize,
+    tdb_s: f64,
+    planet: Planet,
+    camera_from_inertial: DQuat,
+    shown: Vec<Source>,
+}
+
+/// Takes the transfer's images that are not yet in `folder`'s `transfer.jsonl`, solves them, and runs the filter over
+/// all of them. The run has its own draw of the initial state and of the unknown acceleration. `progress` hears how
+/// many images are done.
+///
+/// # Errors
+/// The folder holds another scenario's images or cannot be written; the bench or the ephemeris refuses; a covariance
+/// loses its positive definiteness.
+pub fn run_imaged(
+    scenario: &Scenario,
+    transfer: &Transfer,
+    images: Images,
+    folder: &Path,
+    progress: &mut dyn FnMut(usize),
+) -> Result<ImagedResult, FarRangeError> {
+    let path = folder.join("transfer.jsonl");
+    let mut done = read_done::<ImagedLine>(&path, &scenario.transfer_hash)?;
+    let course = Course::new(transfer)?;
+    let photographer = Photographer::new(&Scenario { images, ..scenario.clone() })?;
+    let middle_s = transfer.arrival_tdb_s - 0.5 * transfer.length_s;
+    let solver =
+        StarSolver::new(photographer.camera(), SolverOptions { tdb_s: middle_s, ..SolverOptions::default() });
+    let mut random = ChaCha8Rng::seed_from_u64(scenario.seed ^ 0x696d_6167_6564);
+    let (mut truth, mut filter) = course.start(transfer, &mut random).ok_or_else(not_definite)?;
+    let mut now_s = course.begin_s;
+    let (mut lines, mut by_session) = (Vec::new(), Vec::new());
+    let mut all_nis = (0.0, 0);
+    for (number, session) in course.sessions.iter().enumerate() {
+        let mut shots = Vec::new();
+        for k in 0..transfer.imaged_per_session {
+            let at = k * transfer.images_per_session / transfer.imaged_per_session;
+            let tdb_s = session.tdb_s + at as f64 * transfer.interval_s;
+            truth = course.pulled(truth, [now_s, tdb_s], transfer.acceleration_sigma_m_s2, &mut random);
+            now_s = tdb_s;
+            if let Some(planet) = session.planet(at, transfer.images_per_session) {
+                let image = number * transfer.imaged_per_session + k;
+                shots.push((image, tdb_s, planet, truth));
+            }
+        }
+        // What a camera sees depends on the truth alone; what is made of it depends on the filter, image by image.
+        let taken: Vec<Option<(Shot, Vec<StarPoint>)>> = shots
+            .par_iter()
+            .map(|&shot| {
+                (!done.contains_key(&shot.0)).then(|| take(scenario, &photographer, shot)).transpose()
+            })
+            .collect::<Result<_, FarRangeError>>()?;
+        let (mut fresh, mut nis) = (Vec::new(), (0.0, 0));
+        for (&(image, tdb_s, planet, _), taken) in shots.iter().zip(taken) {
+            filter.predict(&course.dynamics, tdb_s);
+            let line = match (done.remove(&image), taken) {
+                (Some(line), _) => line,
+                (None, Some((shot, points))) => {
+                    let line = look(scenario, &photographer, &solver, &filter, &shot, points)?;
+                    fresh.push(line.clone());
+                    line
+                }
+                (None, None) => continue,
+            };
+            if let (Some(direction), Some(covariance)) = (line.direction, line.covariance_rad2) {
+                let innovation = take_in(&mut filter, &course.dynamics, planet, direction, covariance)
+                    .ok_or_else(not_definite)?;
+                nis = (nis.0 + innovation, nis.1 + 1);
+            }
+            lines.push(line);
+        }
+        append(&path, &fresh)?;
+        progress(lines.len());
+        // The truth may be past the last image of a session that looks at nothing.
+        filter.predict(&course.dynamics, now_s);
+        let Standing { error, three_sigma, nees } =
+            Standing::new(&filter, &truth).ok_or_else(not_definite)?;
+        by_session.push(ImagedSession {
+            day: (session.tdb_s - course.begin_s) / 86_400.0,
+            error,
+            three_sigma,
+            nees,
+            updates: nis.1,
+            nis: mean(nis),
+        });
+        all_nis = (all_nis.0 + nis.0, all_nis.1 + nis.1);
+    }
+    let last =
+        by_session.last().ok_or_else(|| FarRangeError::Sky("the transfer has no session".to_owned()))?;
+    let of = |outcome: &str| lines.iter().filter(|l| l.planet_outcome.as_deref() == Some(outcome)).count();
+    let mut errors: Vec<f64> = lines.iter().filter_map(|line| line.planet_arcsec).collect();
+    errors.sort_by(f64::total_cmp);
+    Ok(ImagedResult {
+        images: lines.len(),
+        attitudes_found: lines.iter().filter(|line| line.outcome == "solved").count(),
+        planets_identified: of("found"),
+        wrong: of("wrong") + lines.iter().filter(|line| line.outcome == "wrong").count(),
+        planets_saturated: lines.iter().filter(|line| line.planet_saturated == Some(true)).count(),
+        planet_percentiles_arcsec: (!errors.is_empty())
+            .then(|| [0.5, 0.95].map(|p| errors[(errors.len() as f64 * p) as usize])),
+        final_error: last.error,
+        final_three_sigma: last.three_sigma,
+        nis: mean(all_nis),
+        nis_bounds: chi2_mean_bounds(2, all_nis.1.max(1)),
+        nees_bounds: chi2_mean_bounds(6, 1),
+        by_session,
+    })
+}
+
+fn mean((sum, count): (f64, usize)) -> Option<f64> {
+    (count > 0).then(|| sum / count as f64)
+}
+
+/// Points the camera, so that the planet stands at a random place of the field, and takes the image.
+fn take(
+    scenario: &Scenario,
+    photographer: &Photographer,
+    (image, tdb_s, planet, truth): (usize, f64, Planet, PhaseState),
+) -> Result<(Shot, Vec<StarPoint>), FarRangeError> {
+    let sky = |error: &dyn std::fmt::Display| FarRangeError::Sky(error.to_string());
+    let mut random = ChaCha8Rng::seed_from_u64(scenario.seed ^ 0x696d_6167_6573);
+    random.set_stream(image as u64);
+    let camera = &photographer.camera().pinhole;
+    let observer =
+        Observer::new(tdb_s, truth.position_m, Some(truth.velocity_m_s)).map_err(|error| sky(&error))?;
+    let seen = seen_planet(&observer, planet)
+        .map_err(|error| sky(&error))?
+        .ok_or_else(|| FarRangeError::Sky(format!("{} is not seen", planet.name())))?;
+    let camera_from_inertial = pointing(camera, seen.direction, &mut random);
+    let shown = sources(&observer, camera_from_inertial, camera, scenario.poses.faintest_magnitude)
+        .map_err(|error| sky(&error))?;
+    let points = photographer.points(&shown, image as u64, &mut random)?;
+    Ok((Shot { image, tdb_s, planet, camera_from_inertial, shown }, points))
+}
+
+/// An attitude that shows a direction at a random pixel, at a random roll.
+fn pointing(camera: &Pinhole, direction: DVec3, random: &mut ChaCha8Rng) -> DQuat {
+    let size = DVec2::new(f64::from(camera.width_px), f64::from(camera.height_px));
+    let pixel = DVec2::new(uniform(random), uniform(random)) * size;
+    let towards = camera.line_of_sight(pixel).extend(1.0).normalize();
+    let roll = DQuat::from_axis_angle(towards, std::f64::consts::TAU * uniform(random));
+    roll * DQuat::from_rotation_arc(direction, towards)
+}
+
+/// Attitude and planet of an image, with what the filter knows of the position, and how right they are.
+fn look(
+    scenario: &Scenario,
+    photographer: &Photographer,
+    solver: &StarSolver,
+    filter: &Filter,
+    shot: &Shot,
+    points: Vec<StarPoint>,
+) -> Result<ImagedLine, FarRangeError> {
+    let sky = |error: &dyn std::fmt::Display| FarRangeError::Sky(error.to_string());
+    let assumed = Observer::new(shot.tdb_s, filter.state.position_m, Some(filter.state.velocity_m_s))
+        .map_err(|error| sky(&error))?;
+    // The root of the trace: no less than along the worst axis.
+    let sigma_m = filter.three_sigma()[0] / 3.0;
+    let context =
+        ImageContext { observer: Some(assumed), prior: Some(PriorPosition { observer: assumed, sigma_m }) };
+    let camera = photographer.camera();
+    let result = solve_points(points, camera, solver, &context).map_err(|error| sky(&error))?;
+    let mut line = ImagedLine {
+        image: shot.image,
+        planet: shot.planet.name().to_owned(),
+        points: result.points.len(),
+        outcome: "solved".to_owned(),
+        planet_outcome: None,
+        direction: None,
+        covariance_rad2: None,
+        planet_arcsec: None,
+        planet_saturated: None,
+    };
+    let solution = match &result.solution {
+        Err(refusal) => {
+            refusal.reason().clone_into(&mut line.outcome);
+            return Ok(line);
+        }
+        Ok(solution) => solution,
+    };
+    let off = rotation(solution.camera_from_inertial(), shot.camera_from_inertial);
+    if off.truncate().length() > scenario.poses.found_within_arcsec * ARCSEC {
+        "wrong".clone_into(&mut line.outcome);
+    }
+    let Some(sight) = result.planets.iter().find(|sight| sight.planet == shot.planet) else {
+        line.planet_outcome = Some("missed".to_owned());
+        return Ok(line);
+    };
+    line.direction = Some(sight.direction);
+    line.covariance_rad2 = Some(inertial_covariance(sight, solution.camera_from_inertial()));
+    let truth = shot.shown.iter().find(|source| source.planet == Some(shot.planet));
+    let point = &result.points[sight.point];
+    let right = truth.filter(|t| camera.pinhole.pixel(t.line_of_sight).distance(point.pixel) < SAME_POINT_PX);
+    line.planet_outcome = Some(if right.is_some() { "found" } else { "wrong" }.to_owned());
+    line.planet_saturated = right.map(|_| point.saturated);
+    line.planet_arcsec = right.map(|truth| {
+        let direction = shot.camera_from_inertial.inverse() * truth.line_of_sight.extend(1.0).normalize();
+        sight.direction.angle_between(direction) / ARCSEC
+    });
+    Ok(line)
+}
+
+/// The covariance of a direction along inertial axes, from the one on the tangent plane: for u = p / |p|, p = (x, y, 1),
+/// du = (I - u u^T) dp / |p|.
+fn inertial_covariance(sight: &PlanetSight, camera_from_inertial: DQuat) -> DMat3 {
+    let p = sight.line_of_sight.extend(1.0);
+    let u = p.normalize();
+    let columns = [DVec3::X, DVec3::Y]
+        .map(|axis| camera_from_inertial.inverse() * ((axis - u * u.dot(axis)) / p.length()));
+    let c = sight.covariance_rad2;
+    let weighted = [
+        columns[0] * c.x_axis.x + columns[1] * c.x_axis.y,
+        columns[0] * c.y_axis.x + columns[1] * c.y_axis.y,
+    ];
+    let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
+    outer(weighted[0], columns[0]) + outer(weighted[1], columns[1])
+}
+
+/// Takes a direction with its covariance into the filter, and returns the normalised innovation squared. The two
+/// components are made independent by the covariance's Cholesky factor and taken in one after the other (Bierman 1977,
+/// chapter V), which is the joint update. `None`: the covariance is not positive definite; nothing was taken in.
+fn take_in(
+    filter: &mut Filter,
+    dynamics: &Dynamics,
+    planet: Planet,
+    measured: DVec3,
+    covariance_rad2: DMat3,
+) -> Option<f64> {
+    let (expected, distance_m) = apparent_direction(&dynamics.ephemeris, planet, filter.tdb_s, &filter.state);
+    let axes = tangent_axes(expected);
+    let c = |a: DVec3, b: DVec3| a.dot(covariance_rad2 * b);
+    let noise = DMat2::from_cols(
+        DVec2::new(c(axes[0], axes[0]), c(axes[1], axes[0])),
+        DVec2::new(c(axes[0], axes[1]), c(axes[1], axes[1])),
+    );
+    if noise.x_axis.x <= 0.0 || noise.determinant() <= 0.0 {
+        return None;
+    }
+    // Rows of L^-1 times the axes: components of unit variance.
+    let first = noise.x_axis.x.sqrt();
+    let below = noise.x_axis.y / first;
+    let second = (noise.y_axis.y - below * below).sqrt();
+    let whitened = [axes[0] / first, (axes[1] - axes[0] * (below / first)) / second];
+    let start = filter.state.to_array();
+    let mut state = start;
+    let mut nis = 0.0;
+    for axis in whitened {
+        let (r, v) = (-axis / distance_m, axis / LIGHT_SPEED_M_S);
+        let h = [r.x, r.y, r.z, v.x, v.y, v.z];
+        let moved: f64 = (0..6).map(|i| h[i] * (state[i] - start[i])).sum();
+        let innovation = measured.dot(axis) - moved;
+        let ph: [f64; 6] = std::array::from_fn(|i| (0..6).map(|j| filter.covariance[i][j] * h[j]).sum());
+        let variance = 1.0 + (0..6).map(|i| h[i] * ph[i]).sum::<f64>();
+        for i in 0..6 {
+            state[i] += ph[i] * innovation / variance;
+            for j in 0..6 {
+                filter.covariance[i][j] -= ph[i] * ph[j] / variance;
+            }
+        }
+        nis += innovation * innovation / variance;
+    }
+    filter.state = PhaseState::from_array(state);
+    Some(nis)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::filter::EphemerisTable;
+
+    /// An isotropic covariance gives what the filter's own update gives, in Joseph's form.
+    #[test]
+    fn an_update_of_two_components_is_the_joint_one() {
+        let tdb_s = 1.0e9;
+        let dynamics = Dynamics {
+            ephemeris: EphemerisTable::new([tdb_s, tdb_s + 86_400.0]).unwrap(),
+            pressure_area_m2_kg: 0.0,
+        };
+        let state = PhaseState {
+            position_m: DVec3::new(1.8e11, -0.9e11, -3e10),
+            velocity_m_s: DVec3::new(9e3, 20e3, 8e3),
+        };
+        let mut covariance = [[0.0; 6]; 6];
+        for i in 0..6 {
+            covariance[i][i] = if i < 3 { (1e7 * (1.0 + i as f64)).powi(2) } else { 900.0 };
+        }
+        let mut joint = Filter { tdb_s, state, covariance, acceleration_sigma_m_s2: 0.0 };
+        let mut parted = joint.clone();
+        let (direction, _) = apparent_direction(&dynamics.ephemeris, Planet::Earth, tdb_s, &state);
+        let axes = tangent_axes(direction);
+        let measured = (direction + axes[0] * 4e-5 - axes[1] * 7e-5).normalize();
+        let sigma_rad = 2e-5;
+        let expected = joint.update(&dynamics, Planet::Earth, measured, sigma_rad).unwrap().nis;
+        let isotropic = DMat3::from_diagonal(DVec3::splat(sigma_rad * sigma_rad));
+        let found = take_in(&mut parted, &dynamics, Planet::Earth, measured, isotropic).unwrap();
+        assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
+        let moved = joint.state.position_m - state.position_m;
+        let off = (parted.state.position_m - joint.state.position_m).length();
+        assert!(moved.length() > 1e6 && off < 1e-6 * moved.length(), "{off} m of {moved}");
+        for i in 0..6 {
+            let (a, b) = (joint.covariance[i][i], parted.covariance[i][i]);
+            assert!((a / b - 1.0).abs() < 1e-9, "{i}: {a} {b}");
+        }
+        // A noise that is larger along one axis leaves more along it, and the other as it was.
+        let wide = isotropic
+            + DMat3::from_cols(axes[0] * axes[0].x, axes[0] * axes[0].y, axes[0] * axes[0].z) * 1e-6;
+        let mut uneven = Filter { state, covariance, ..joint.clone() };
+        take_in(&mut uneven, &dynamics, Planet::Earth, measured, wide).unwrap();
+        let along = |filter: &Filter, axis: DVec3| -> f64 {
+            let a = axis.to_array();
+            (0..3)
+                .flat_map(|i| (0..3).map(move |j| (i, j)))
+                .map(|(i, j)| a[i] * filter.covariance[i][j] * a[j])
+                .sum()
+        };
+        assert!(along(&uneven, axes[0]) > 2.0 * along(&joint, axes[0]));
+        assert!((along(&uneven, axes[1]) / along(&joint, axes[1]) - 1.0).abs() < 0.5);
+    }
+}
