@@ -3,6 +3,7 @@
 mod frames;
 mod large;
 mod phase;
+mod places;
 mod points;
 mod power;
 mod read;

@@ -11,6 +11,7 @@ use retina_radiometry::ScreenResponse;
 use super::read::{Baseline, Place, Source, channel_of, covariates, number_in};
 use crate::field::{Held, HeldModel};
 
+use super::places::{Known, true_places_px};
 use super::{Covariate, Dataset, Group, RowFrame, TableKind, Term};
 
 pub(crate) const ARCSEC_PER_RAD: f64 = 206_264.806_247_096_36;
@@ -138,13 +139,32 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
 
     let mut all = covariates(tables, &places, &NOT_COVARIATES, &["channel", "series"], &mut notes)?;
     let position: Vec<DVec2> = undistorted.iter().map(|u| *u / half_tan).collect();
+    let known: Vec<Known> = groups
+        .iter()
+        .enumerate()
+        .flat_map(|(group, (_, rows))| std::iter::repeat_n(group, rows.len()))
+        .enumerate()
+        .map(|(i, group)| {
+            let camera_from_facility = DMat2::from_angle(-roll_rad[mounting[i]]);
+            Known {
+                predicted_px: camera.pixel(camera_from_facility * predicted[i]),
+                x: position[i].x,
+                y: position[i].y,
+                l: l[i],
+                channel: channel[i],
+                mounting: mounting[i],
+                group,
+            }
+        })
+        .collect();
+    let spots_px = true_places_px(&known, &measured);
     let mut add = |name: &str, values: Vec<f64>| all.push(Covariate { name: name.to_owned(), values });
     add("x", position.iter().map(|p| p.x).collect());
     add("y", position.iter().map(|p| p.y).collect());
     add("r", position.iter().map(|p| p.length()).collect());
     add("log10_irradiance", l.clone());
-    add("camera_phase_x", measured.iter().map(|c| c.x.rem_euclid(1.0)).collect());
-    add("camera_phase_y", measured.iter().map(|c| c.y.rem_euclid(1.0)).collect());
+    add("camera_phase_x", spots_px.iter().map(|c| c.x.rem_euclid(1.0)).collect());
+    add("camera_phase_y", spots_px.iter().map(|c| c.y.rem_euclid(1.0)).collect());
     // The bench has a continuous range of phases or a single one.
     add("screen_phase_x", screen.iter().map(|c| c.x.rem_euclid(1.0)).collect());
     add("screen_phase_y", screen.iter().map(|c| c.y.rem_euclid(1.0)).collect());
