@@ -236,6 +236,12 @@ pub fn effects_text(effects: &[&Effect]) -> Vec<String> {
     out
 }
 
+/// A parameter that was chosen from a list, to three digits: it has no standard deviation.
+fn chosen(parameter: &Parameter) -> String {
+    let digits = decimals(0.1 * parameter.value);
+    format!("{} {:.digits$}", parameter.name, parameter.value)
+}
+
 /// Decimals that show a number to two digits; none of a large one.
 fn decimals(value: f64) -> usize {
     let magnitude = value.abs().log10().floor();
@@ -348,7 +354,7 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
                     let digits = decimals(sigma);
                     format!("{} {:.digits$} +- {:.digits$}", p.name, p.value, sigma)
                 }
-                None => format!("{} {:.1$}", p.name, decimals(0.1 * p.value)),
+                None => chosen(p),
             })
             .collect();
         out.push(format!(
@@ -427,4 +433,19 @@ pub fn write_predictions(path: &Path, data: &Dataset, fit: &Fit) -> Result<(), I
     }
     write_atomic(path, text.as_bytes())
         .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_chosen_from_a_list_is_shown_with_its_value() {
+        for (value, expected) in
+            [(87.0, "tau_s 87.0"), (0.5, "tau_s 0.500"), (690.0, "tau_s 690"), (0.0, "tau_s 0")]
+        {
+            let parameter = Parameter { name: "tau_s".into(), value, sigma: None };
+            assert_eq!(chosen(&parameter), expected);
+        }
+    }
 }

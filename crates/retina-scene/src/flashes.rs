@@ -87,6 +87,8 @@ pub struct ShownFlash {
     pub displayed: Option<DisplayedPoint>,
 }
 
+/// An overlap below this is rounding, s.
+const TIME_ROUNDING_S: f64 = 1e-6;
 /// Draws of a place before a frame is left with fewer flashes: a lune of 1 deg is missed once in 10^5.
 const TRIES: usize = 4000;
 /// Keeps the flashes' random numbers apart from others of the same seed.
@@ -135,7 +137,8 @@ impl Scene {
     ) -> Option<SeenFlash> {
         let window = [frame.time_s, flashes.exposure_s];
         let share = overlap(window, [flash.time_s, flash.duration_s]) / flashes.exposure_s;
-        if share == 0.0 {
+        // Times of 1e9 s are rounded to 1e-7 s: one that begins where the exposure ends is not in it.
+        if share * flashes.exposure_s < TIME_ROUNDING_S {
             return None;
         }
         let at = &frame.bodies[flash.body];

@@ -84,23 +84,25 @@ impl PointPainter {
 
     /// Adds a source of an irradiance (W m^-2 nm^-1 at the pupil) to a screen image's counts, where
     /// they are dark by counts of its own, where they are lit by the count nearest to the sum.
-    /// `None`: it is off the screen, or too dim for it.
+    /// `None`: it is off the screen, too dim for it, or lost in light that is there.
     pub fn draw(&self, counts: &mut [u8], at_px: DVec2, irradiance_w_m2_nm: f64) -> Option<Shown> {
         let Pinhole { width_px, height_px, .. } = self.image;
         let ground = Ground { response: &self.response, width_px, height_px };
         let splat = ground.splat(at_px, irradiance_w_m2_nm, |center| self.relative_sr(center))?;
-        let mut blended = false;
+        let (mut blended, mut seen) = (false, false);
         for lit in &splat.pixels {
             let count = &mut counts[lit.row as usize * width_px as usize + lit.column as usize];
-            if *count == 0 {
+            let before = *count;
+            if before == 0 {
                 *count = lit.count;
             } else {
                 blended = true;
-                let both = [*count, lit.count].map(|b| self.response.irradiance_w_m2_nm([b; 3]));
+                let both = [before, lit.count].map(|b| self.response.irradiance_w_m2_nm([b; 3]));
                 *count = self.response.nearest_count((both[0] + both[1]) as f32);
             }
+            seen |= *count != before;
         }
-        Some(Shown { splat, blended })
+        seen.then_some(Shown { splat, blended })
     }
 }
 
@@ -169,5 +171,8 @@ mod tests {
         assert!(painter.draw(&mut counts, at, star).unwrap().blended);
         let total: f64 = counts.iter().map(|&b| response.irradiance_w_m2_nm([b; 3])).sum();
         assert!((total / (2.0 * star) - 1.0).abs() < 0.05);
+        // Full light has no room for it: nothing of it shows.
+        counts.fill(255);
+        assert!(painter.draw(&mut counts, at, star).is_none());
     }
 }

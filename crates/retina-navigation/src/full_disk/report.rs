@@ -76,7 +76,11 @@ pub fn scenario_document(sequences: &[Sequence]) -> Value {
 }
 
 fn three(values: [f64; 3]) -> String {
-    let cell = |v: f64| if v.abs() < 10.0 { format!("{v:.2}") } else { format!("{v:.1}") };
+    let cell = |v: f64| match v.abs() {
+        size if size.is_nan() => "-".to_owned(),
+        size if size < 10.0 => format!("{v:.2}"),
+        _ => format!("{v:.1}"),
+    };
     format!("{}, {}, {}", cell(values[0]), cell(values[1]), cell(values[2]))
 }
 
@@ -144,8 +148,12 @@ fn rows(sequences: &[Sequence]) -> Vec<Vec<String>> {
                 if refused.is_empty() { "0".to_owned() } else { refused.join(", ") },
                 three(s.bias_km),
                 three(s.rms_km),
-                format!("{:.0} +- {:.0}", s.height_m[0], s.height_m[1]),
-                format!("{:.2}", s.nees_ratio),
+                if s.solved == 0 {
+                    "-".into()
+                } else {
+                    format!("{:.0} +- {:.0}", s.height_m[0], s.height_m[1])
+                },
+                if s.solved == 0 { "-".into() } else { format!("{:.2}", s.nees_ratio) },
             ];
             match &sequence.filter {
                 Ok(f) => row.extend([

@@ -189,11 +189,12 @@ pub const CHI2_3_99: f64 = 11.345;
 pub fn summarise(results: &[FrameResult], radius_m: f64) -> SequenceSummary {
     let solved: Vec<(&FrameResult, &Position)> =
         results.iter().filter_map(|r| Some((r, r.position.as_ref()?))).collect();
-    let count = solved.len().max(1) as f64;
+    // Of nothing there is no mean: not a number in memory, null in files.
+    let count = if solved.is_empty() { f64::NAN } else { solved.len() as f64 };
     let errors: Vec<DVec3> = solved.iter().map(|(_, p)| DVec3::from_array(p.error_m) * 1e-3).collect();
     let bias = errors.iter().sum::<DVec3>() / count;
     let square = errors.iter().map(|e| *e * *e).sum::<DVec3>() / count;
-    let root = |v: DVec3| v.to_array().map(|v| v.max(0.0).sqrt());
+    let root = |v: DVec3| v.to_array().map(|v| if v < 0.0 { 0.0 } else { v.sqrt() });
     let mut refused = BTreeMap::new();
     for result in results.iter().filter(|r| r.position.is_none()) {
         *refused.entry(result.outcome.clone()).or_insert(0) += 1;
@@ -240,4 +241,16 @@ pub(super) fn percentiles(mut values: Vec<f64>) -> [f64; 4] {
         let at = ((values.len() as f64 * share) as usize).min(values.len().saturating_sub(1));
         values.get(at).copied().unwrap_or(f64::NAN)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_no_solution_there_is_no_error() {
+        let summary = serde_json::to_value(summarise(&[], 1.0)).unwrap();
+        assert_eq!(summary["rms_km"], serde_json::json!([null, null, null]));
+        assert!(summary["nees_ratio"].is_null() && summary["solved"] == 0);
+    }
 }

@@ -6,7 +6,8 @@ use retina_batch::{FrameRange, Selection, Shard};
 use retina_files::InputError;
 use retina_navigation::experiment::Watcher as _;
 use retina_navigation::flashes::{
-    CameraLight, FlashOptions, FlashScenario, figure_rates, report, run_scenario, summarise, watch_sequence,
+    CameraLight, FlashFrame, FlashOptions, FlashScenario, figure_rates, report, run_scenario, summarise,
+    watch_sequence,
 };
 use retina_navigation::full_disk::{ImageKind, Source, SourceChoice};
 use retina_navigation::limb::LimbOptions;
@@ -135,6 +136,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         watch_sequence(&source, &light, &options, list.as_deref(), &mut |done| steps.done(done, all));
     steps.finish();
     let frames = frames?;
+    for note in nothing_to_see(&frames) {
+        tell!("{note}");
+        notes.push(note);
+    }
     let label = arguments.input.file_name().map_or("images".into(), |name| name.to_string_lossy());
     let watched = report::Watched {
         label: label.clone().into_owned(),
@@ -153,6 +158,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         report::page(&format!("Flashes: {label}"), &sequences, &notes).write(path)?;
     }
     print(arguments, &document, &sequences)
+}
+
+/// Rates of nothing are no rates: why there are none.
+fn nothing_to_see(frames: &[FlashFrame]) -> Vec<String> {
+    let mut out = Vec::new();
+    if frames.iter().all(|frame| frame.flashes.is_empty()) {
+        out.push("the truth holds no flash (the scene had no [flashes], or none during an exposure): candidates are all false, rates say nothing".to_owned());
+    }
+    let blind = frames.iter().filter(|frame| frame.watched_px == 0).count();
+    if blind > 0 {
+        out.push(format!(
+            "in {blind} of {} frames no pixel is left to look at: the night side is within --limb-margin-px, \
+             --terminator-margin-px and --relief of its edges, or off the field",
+            frames.len()
+        ));
+    }
+    out
 }
 
 fn scenario(arguments: &Arguments) -> Result<(), Failure> {

@@ -1,7 +1,7 @@
 //! What the experiments' commands share: progress step by step, and their files.
 
 use std::io::IsTerminal as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
@@ -83,17 +83,31 @@ impl Watcher for Steps {
     }
 }
 
-/// Makes the folder for results, which is not the folder that they are made from.
+/// Makes the folder for results, which is neither the folder that they are made from nor its frames' or truth's.
 pub(crate) fn results_folder(out: &Path, input: &Path) -> Result<(), InputError> {
-    std::fs::create_dir_all(out)
-        .map_err(|error| InputError::new(out, format!("the folder cannot be made: {error}")))?;
-    let [own, other] = [out, input].map(|path| path.canonicalize().ok());
-    if own.is_some() && own == other {
-        return Err(InputError::new(out, "is the rendered folder itself")
+    let rendered = input.canonicalize().ok();
+    // A folder that does not exist yet has no canonical name; some folder above it does.
+    let above = std::path::absolute(out).unwrap_or_else(|_| out.to_owned());
+    let whole = above.ancestors().find_map(|folder| {
+        Some(
+            folder
+                .canonicalize()
+                .ok()?
+                .join(above.strip_prefix(folder).ok()?)
+                .components()
+                .collect::<PathBuf>(),
+        )
+    });
+    if let (Some(rendered), Some(whole)) = (rendered, whole)
+        && (whole == rendered
+            || ["frames", "truth"].iter().any(|part| whole.starts_with(rendered.join(part))))
+    {
+        return Err(InputError::new(out, "is the rendered folder itself, or its frames' or truth's")
             .at("--out")
             .expected("a folder of its own for the results"));
     }
-    Ok(())
+    std::fs::create_dir_all(out)
+        .map_err(|error| InputError::new(out, format!("the folder cannot be made: {error}")))
 }
 
 /// The name of a selection of frames' results: a part does not take the whole's place.
