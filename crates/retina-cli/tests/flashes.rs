@@ -232,6 +232,25 @@ fn the_detector_finds_them_in_a_rendered_folder() {
     // Shown within 0.02 mag and 0.05 px; a pixel is 25 m across, 40 m along the surface, whose facets lie 1.2 m deep.
     assert!(number(&flash["error_magnitude"]).abs() < 0.05, "{flash}");
     assert!(number(&flash["error_m"]) < 6.0, "{flash}");
+    // Photographs of another exposure than the scene's, their distortion not taken off: both are said beforehand.
+    std::fs::create_dir_all(fixture.path("shots/images")).unwrap();
+    let frame = format!("{FRAME:0>6}.png");
+    let shown = fixture.path("out/frames").join(&frame);
+    std::fs::copy(&shown, fixture.path("shots/images").join(&frame)).unwrap();
+    fixture.write(
+        "shots/frames.csv",
+        &format!("predicted,measured,exposure_s\n{},images/{frame},0.5\n", shown.display()),
+    );
+    let out = retina()
+        .args(["navigate", "flashes", "--setup"])
+        .arg(fixture.path("setup.toml"))
+        .arg("--images")
+        .arg(fixture.path("shots"))
+        .arg(fixture.path("out"))
+        .output()
+        .unwrap();
+    let said = String::from_utf8(out.stderr).unwrap();
+    assert!(said.contains("exposed for 0.5 s") && said.contains("without a calibration"), "{said}");
     assert_refused(
         &retina()
             .args(["navigate", "flashes", "--false-alarms-per-frame", "0"])

@@ -133,13 +133,14 @@ fn the_far_range_experiment_is_taken_up_where_it_was_left() {
     let scenario = folder.path().join("far-range.toml");
     std::fs::write(&scenario, own.replace("../setups", setups)).unwrap();
     let scenario = scenario.to_str().unwrap();
-    let run = |out: &str, poses: &str| {
+    let run_part = |out: &str, own: &[&str], name: &str| {
         let out = folder.path().join(out);
-        let done =
-            retina(&["navigate", "far-range", scenario, "--out", out.to_str().unwrap(), "--poses", poses]);
+        let common = ["navigate", "far-range", scenario, "--out", out.to_str().unwrap()];
+        let done = retina(&[&common, own].concat());
         assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
-        std::fs::read_to_string(out.join("far-range.json")).unwrap()
+        std::fs::read_to_string(out.join(name)).unwrap()
     };
+    let run = |out: &str, poses: &str| run_part(out, &["--poses", poses], "far-range.json");
     let whole = run("whole", "40");
     let document: Value = serde_json::from_str(&whole).unwrap();
     assert!(document["poses"]["attitude_found_percent"].as_f64().unwrap() >= 95.0, "{}", document["poses"]);
@@ -151,6 +152,17 @@ fn the_far_range_experiment_is_taken_up_where_it_was_left() {
     let lines = std::fs::read_to_string(&list).unwrap();
     std::fs::write(&list, &lines[..lines.len() - 20]).unwrap();
     assert!(run("parts", "40") == whole, "a run in two parts is the whole one");
+    // Three shards, then the whole of them: 13 of 40 are 1 modulo 3, and have no transfer.
+    for shard in ["0/3", "1/3", "2/3"] {
+        let name = format!("far-range-{}-of-3.json", &shard[..1]);
+        let part = run_part("shards", &["--poses", "40", "--shard", shard], &name);
+        let part: Value = serde_json::from_str(&part).unwrap();
+        assert_eq!(part["poses"]["poses"], if shard == "0/3" { 14 } else { 13 }, "{part}");
+        assert_eq!(part["transfer"], Value::Null);
+    }
+    assert!(run("shards", "40") == whole, "the shards together are the whole");
+    let own_list = std::fs::read_to_string(folder.path().join("shards/poses.jsonl")).unwrap();
+    assert_eq!(own_list.lines().count(), 1, "no pose is run again: {own_list}");
     // Another scenario's poses are not mixed in.
     let other = own.replace("seed = 1", "seed = 2").replace("../setups", setups);
     std::fs::write(folder.path().join("far-range.toml"), other).unwrap();

@@ -3,15 +3,17 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use retina_files::{InputError, parse_toml, read_text};
+use retina_files::{InputError, parse_schema, read_text};
 use retina_scene::{PhotometryTable, Shading};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 /// The whole file; every key has a default or a guess.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Sidecar {
-    schema: String,
+    #[serde(rename = "schema")]
+    _schema: IgnoredAny,
     /// Name in the scenario's folder `scene`.
     pub(crate) scene: Option<PathBuf>,
     /// Name in the scenario's folder `geometry`.
@@ -62,13 +64,8 @@ pub(crate) enum Axes {
 impl Sidecar {
     pub(crate) fn read(path: &Path) -> Result<(Self, String), InputError> {
         let text = read_text(path)?;
-        let sidecar: Self = parse_toml(path, &text)?;
-        if sidecar.schema != "retina.corto-sidecar/1" {
-            return Err(InputError::new(path, "is not a sidecar of a CORTO scenario")
-                .at("key `schema`")
-                .found(format!("`{}`", sidecar.schema.escape_default()))
-                .expected("`retina.corto-sidecar/1`"));
-        }
+        let sidecar: Self =
+            parse_schema(path, &text, "retina.corto-sidecar/1", "a sidecar of a CORTO scenario")?;
         if let Some(scale) = sidecar.scale_m_per_bu
             && !(scale.is_finite() && (1e-9..=1e9).contains(&scale))
         {

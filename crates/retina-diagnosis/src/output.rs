@@ -315,7 +315,9 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
             "adequate, as far as {} groups can tell: too few to find an effect by flips of their signs",
             data.groups.len()
         ),
-        Verdict::Adequate => "adequate: no effect beyond noise".to_owned(),
+        Verdict::Adequate => {
+            "adequate: no effect of the catalogue shows beyond these measurements' noise".to_owned()
+        }
         Verdict::Named => format!("named: {}", result.accepted.join(" and ")),
         Verdict::Confounded => {
             format!("confounded: this data cannot tell apart {}", result.indistinguishable.join(", "))

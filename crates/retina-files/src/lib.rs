@@ -2,7 +2,8 @@
 //!
 //! - [`InputError`]: one error type for input that does not fit. It says what is wrong, in which
 //!   file and place, what was found, what was expected, and how to mend it.
-//! - [`read_toml`]: TOML into a type, unknown keys pointed at with the nearest known one.
+//! - [`read_toml`]: TOML into a type, unknown keys pointed at with the nearest known one; [`read_schema`] where the
+//!   file names its schema.
 //! - [`Table`]: CSV with a header row and `#` comments, cells read by column name.
 //! - [`write_atomic`]: a file exists whole or not at all.
 //! - [`hash_bytes`], [`hash_file`]: BLAKE3, for manifests.
@@ -14,5 +15,5 @@ mod write;
 
 pub use error::{InputError, Place, Snippet};
 pub use table::Table;
-pub use toml_file::{nearest, parse_toml, read_toml};
+pub use toml_file::{nearest, parse_schema, parse_toml, read_schema, read_toml};
 pub use write::{hash_bytes, hash_file, read_bytes, read_text, write_atomic};

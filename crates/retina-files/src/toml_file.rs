@@ -15,6 +15,42 @@ pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, InputError> {
     parse_toml(path, &read_text(path)?)
 }
 
+/// Reads a TOML file of a schema into `T`, which takes the key `schema` and ignores it; `what` names the kind of file
+/// ("a scene"). Another schema is said before any key of it is looked at.
+///
+/// # Errors
+/// As [`read_toml`]; the file's key `schema` is absent or another.
+pub fn read_schema<T: DeserializeOwned>(path: &Path, schema: &str, what: &str) -> Result<T, InputError> {
+    parse_schema(path, &read_text(path)?, schema, what)
+}
+
+/// As [`read_schema`], from text already in memory.
+///
+/// # Errors
+/// As there.
+pub fn parse_schema<T: DeserializeOwned>(
+    path: &Path,
+    text: &str,
+    schema: &str,
+    what: &str,
+) -> Result<T, InputError> {
+    #[derive(serde::Deserialize)]
+    struct Head {
+        schema: Option<toml::Value>,
+    }
+    let head: Head = parse_toml(path, text)?;
+    if head.schema.as_ref().and_then(toml::Value::as_str) != Some(schema) {
+        let error = InputError::new(path, format!("is not {what}")).at("key `schema`");
+        let error = match head.schema {
+            Some(toml::Value::String(other)) => error.found(format!("`{}`", other.escape_default())),
+            Some(other) => error.found(other),
+            None => error.found("nothing"),
+        };
+        return Err(error.expected(format!("`{schema}`")));
+    }
+    parse_toml(path, text)
+}
+
 /// As [`read_toml`], from text already in memory; `path` only names it in errors.
 pub fn parse_toml<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T, InputError> {
     toml::from_str(text).map_err(|error| {
@@ -104,6 +140,24 @@ mod tests {
             "invalid length 2, expected a list of 3"
         );
         assert_eq!(in_plain_words("missing field `setup`"), "missing field `setup`");
+    }
+
+    #[test]
+    fn a_file_of_another_schema_is_said_before_its_keys() {
+        for (text, found) in
+            [("schema = \"b/1\"\nheight = 1", "`b/1`"), ("height = 1", "nothing"), ("schema = 1", "1")]
+        {
+            let error = parse_schema::<Screen>(Path::new("a.toml"), text, "a/1", "a screen").unwrap_err();
+            assert_eq!(error.place, Place::Named("key `schema`".into()));
+            let said = error.to_string();
+            assert!(
+                said.contains("is not a screen") && said.contains("`a/1`") && said.contains(found),
+                "{said}"
+            );
+        }
+        let error =
+            parse_schema::<Screen>(Path::new("a.toml"), "schema = \"a/1\"\nwidht_px = 1", "a/1", "a screen");
+        assert_eq!(error.unwrap_err().place, Place::LineColumn(2, 1));
     }
 
     #[test]

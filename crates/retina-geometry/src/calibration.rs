@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_files::{InputError, read_toml};
+use retina_files::{InputError, read_schema};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 use crate::{Distortion, InverseDistortion, MAX_DEGREE, Setup};
 use glam::DVec2;
@@ -29,7 +30,8 @@ pub struct Calibration {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct CalibrationFile {
-    schema: String,
+    #[serde(rename = "schema")]
+    _schema: IgnoredAny,
     setup: String,
     #[serde(default)]
     source: String,
@@ -81,13 +83,7 @@ impl Calibration {
     /// # Errors
     /// The file does not fit its schema, belongs to another setup, or its D folds over.
     pub fn read(path: &Path, setup: &Setup) -> Result<Self, InputError> {
-        let file: CalibrationFile = read_toml(path)?;
-        if file.schema != "retina.calibration/1" {
-            return Err(InputError::new(path, "is not a calibration")
-                .at("key `schema`")
-                .found(format!("`{}`", file.schema))
-                .expected("`retina.calibration/1`"));
-        }
+        let file: CalibrationFile = read_schema(path, "retina.calibration/1", "a calibration")?;
         if file.setup != setup.name {
             return Err(InputError::new(path, "the calibration belongs to another setup")
                 .at("key `setup`")

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_files::{InputError, read_toml};
+use retina_files::{InputError, read_schema};
 use serde::Deserialize;
 
 use crate::{NoiseSetup, OpticsSetup, Pinhole};
@@ -147,19 +147,13 @@ impl Setup {
     /// # Errors
     /// The file cannot be read, holds an unknown key, or a size that is not positive.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let mut setup: Self = read_toml(path)?;
+        let mut setup: Self = read_schema(path, "retina.setup/1", "a facility setup")?;
         setup.file = path.to_path_buf();
         setup.check(path)?;
         Ok(setup)
     }
 
     fn check(&self, path: &Path) -> Result<(), InputError> {
-        if self.schema != "retina.setup/1" {
-            return Err(InputError::new(path, "is not a facility setup")
-                .at("key `schema`")
-                .found(format!("`{}`", self.schema))
-                .expected("`retina.setup/1`"));
-        }
         let positive = [
             ("screen.width_px", f64::from(self.screen.width_px)),
             ("screen.height_px", f64::from(self.screen.height_px)),

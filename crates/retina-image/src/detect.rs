@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use rayon::prelude::*;
 
 use crate::centroid::{self, WEIGHT_RATIO, Windowed};
+use crate::plateau::{Plateau, plateau_at};
 use crate::width::WidthMap;
 use crate::{Background, CameraImage, Centroid};
 
@@ -51,8 +52,13 @@ pub struct LightPoint {
     pub flux_dn: f64,
     /// Brightest pixel above the background, DN.
     pub peak_dn: f64,
-    /// A pixel of it is saturated: its centroid and light are not to be trusted.
+    /// A pixel within its width of the centroid is saturated: centroid and light are not to be trusted.
     pub saturated: bool,
+    /// Of the saturated pixels' middle from the centroid, px; 0 where none is. Two middles of one spot at different
+    /// depths: what an asymmetric spot may have moved the centroid by.
+    pub saturation_shift_px: f64,
+    /// Saturated pixels.
+    pub saturated_px: usize,
     /// Another point's light reaches into it.
     pub blended: bool,
     /// Standard deviation of the spot (geometric mean of its axes), px; `None` where noise hides it.
@@ -354,13 +360,18 @@ fn measure(
     let flux = window.light_dn / share;
     let flux_sigma = variance(window.squares).sqrt() / share;
     let [px, py] = peak.pixel;
+    let centre = [window.x_px, window.y_px];
+    let plateau = plateau_at(image, centre, spot_sigma_px, saturation_dn);
+    let shift_px = |p: Plateau| (p.centre_px[0] - centre[0]).hypot(p.centre_px[1] - centre[1]);
     let mut point = LightPoint {
         x_px: window.x_px,
         y_px: window.y_px,
         sigma_px: variance(window.spread).sqrt() / (window.light_dn * share),
         flux_dn: flux,
         peak_dn: f64::from(image.at(px, py)) - background.level_dn(start[0], start[1]),
-        saturated: image.at(px, py) >= saturation_dn,
+        saturated: plateau.is_some(),
+        saturation_shift_px: plateau.map_or(0.0, shift_px),
+        saturated_px: plateau.map_or(0, |plateau| plateau.count),
         blended: peak.blended || !window.converged,
         width_px: shape(&window, weight).map(|s| s.0),
         ellipticity: shape(&window, weight).map(|s| s.1),

@@ -23,6 +23,7 @@ mod background;
 mod camera_image;
 mod centroid;
 mod detect;
+mod plateau;
 mod read;
 mod width;
 mod width_field;

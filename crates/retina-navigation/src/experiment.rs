@@ -3,13 +3,15 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_batch::{BackendChoice, Batch, BatchError, Options, Progress as BatchProgress, Selection};
+use retina_batch::{
+    BackendChoice, Batch, BatchError, FrameRange, Options, Progress as BatchProgress, Selection,
+};
 use retina_bench::{Bench, BenchError, Exposure, OpticsDetail, ScreenImage};
 use retina_calibration::geometry::{self, CalibrateOptions, calibrate};
 use retina_campaign::{
     Facility, FramesOptions, PointsOptions, Table, TemperatureProfile, simulate_frames, simulate_points,
 };
-use retina_files::{InputError, read_text, write_atomic};
+use retina_files::{InputError, hash_bytes, hash_file, read_text, write_atomic};
 use retina_geometry::Setup;
 use retina_scene::{Compensation, Display, Scene};
 use serde::Deserialize;
@@ -84,24 +86,94 @@ pub(crate) struct Chain<'a> {
     backend: BackendChoice,
 }
 
-/// What a chain is made of.
-pub(crate) struct ChainChoice<'a> {
+/// What the scenarios of such experiments have in common.
+#[derive(Debug, Clone)]
+pub struct ChainScenario {
     /// The scene; its compensation is replaced.
-    pub(crate) scene: &'a Path,
+    pub scene: PathBuf,
     /// Which of its frames.
-    pub(crate) selection: Selection,
+    pub selection: Selection,
     /// Seed of the bench.
-    pub(crate) seed: u64,
+    pub seed: u64,
     /// The bench's calibration; it is measured where absent.
-    pub(crate) calibration: Option<&'a Path>,
+    pub calibration: Option<PathBuf>,
     /// How it is measured.
+    pub campaign: Campaign,
+    /// Hash of the scenario's file and of all that it names: a folder is one scenario's alone.
+    pub hash: String,
+}
+
+/// The keys of it, as a scenario's file has them beside its own.
+pub(crate) struct ChainKeys {
+    pub(crate) scene: PathBuf,
+    pub(crate) every: usize,
+    pub(crate) frames: Option<String>,
+    pub(crate) seed: u64,
+    pub(crate) calibration: Option<PathBuf>,
     pub(crate) campaign: Campaign,
-    /// Of the scenario: the folder is that one's alone.
-    pub(crate) hash: &'a str,
-    /// The folder.
-    pub(crate) out: &'a Path,
-    /// What renders.
-    pub(crate) backend: BackendChoice,
+}
+
+/// Default of [`ChainKeys::every`].
+pub(crate) fn each() -> usize {
+    1
+}
+
+impl ChainScenario {
+    /// Checks the keys of a scenario's file; names in it are relative to it.
+    ///
+    /// # Errors
+    /// A value does not fit, or what is named cannot be read.
+    pub(crate) fn new(path: &Path, keys: ChainKeys) -> Result<Self, InputError> {
+        let ChainKeys { every, seed, campaign, .. } = keys;
+        check_values(
+            path,
+            &[
+                ("every", every as f64, every > 0, "1 or more"),
+                (
+                    "campaign.exposures",
+                    campaign.exposures as f64,
+                    (3..=999).contains(&campaign.exposures),
+                    "3 to 999",
+                ),
+                (
+                    "campaign.points",
+                    campaign.points as f64,
+                    (3..=5000).contains(&campaign.points),
+                    "3 to 5000",
+                ),
+            ],
+        )?;
+        let range = match &keys.frames {
+            None => None,
+            Some(text) => Some(
+                text.parse::<FrameRange>()
+                    .map_err(|error| InputError::new(path, error).at("key `frames`"))?,
+            ),
+        };
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let scene = folder.join(&keys.scene);
+        let calibration = keys.calibration.as_ref().map(|own| folder.join(own));
+        let mut text = read_text(path)?;
+        for named in [Some(&scene), calibration.as_ref()].into_iter().flatten() {
+            text.push_str(&hash_file(named)?);
+        }
+        let selection = Selection { range, every: Some(every), shard: None };
+        Ok(Self { scene, selection, seed, calibration, campaign, hash: hash_bytes(text.as_bytes()) })
+    }
+}
+
+/// Refuses the first value that does not fit: its key, itself, whether it fits, what was expected.
+///
+/// # Errors
+/// There is one.
+pub(crate) fn check_values(path: &Path, values: &[(&str, f64, bool, &str)]) -> Result<(), InputError> {
+    match values.iter().find(|(_, _, fits, _)| !fits) {
+        None => Ok(()),
+        Some((key, value, _, expected)) => Err(InputError::new(path, "the value does not fit")
+            .at(format!("key `{key}`"))
+            .found(value)
+            .expected(*expected)),
+    }
 }
 
 impl<'a> Chain<'a> {
@@ -109,19 +181,24 @@ impl<'a> Chain<'a> {
     ///
     /// # Errors
     /// Something does not fit, the folder is another scenario's, or the calibration fails.
-    pub(crate) fn open(choice: ChainChoice<'a>, watcher: &mut dyn Watcher) -> Result<Self, ExperimentError> {
-        let ChainChoice { out, seed, selection, backend, .. } = choice;
-        let scene = Scene::read(choice.scene)?;
+    pub(crate) fn open(
+        scenario: &ChainScenario,
+        out: &'a Path,
+        backend: BackendChoice,
+        watcher: &mut dyn Watcher,
+    ) -> Result<Self, ExperimentError> {
+        let (seed, selection) = (scenario.seed, scenario.selection);
+        let scene = Scene::read(&scenario.scene)?;
         let Display::Facility(setup) = scene.display.clone() else {
-            return Err(InputError::new(choice.scene, "shows no facility").into());
+            return Err(InputError::new(&scenario.scene, "shows no facility").into());
         };
         selection.frames(scene.frame_count())?;
         std::fs::create_dir_all(out)
             .map_err(|error| InputError::new(out, format!("the folder cannot be made: {error}")))?;
-        claim(out, choice.hash)?;
-        let calibration = match choice.calibration {
-            Some(own) => own.to_path_buf(),
-            None => measured_calibration(choice.campaign, seed, &setup, out, watcher)?,
+        claim(out, &scenario.hash)?;
+        let calibration = match &scenario.calibration {
+            Some(own) => own.clone(),
+            None => measured_calibration(scenario.campaign, seed, &setup, out, watcher)?,
         };
         Ok(Self { setup, calibration, scene, selection, seed, out, backend })
     }

@@ -18,5 +18,6 @@ mod frame_lines;
 pub mod full_disk;
 pub mod image;
 pub mod limb;
+pub mod lines;
 pub mod planets;
 pub mod stars;

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 const LIST: &str = "transfer.jsonl";
 
 /// Four sessions of eight images, of Venus, the Earth and Saturn. A short exposure leaves the planets unsaturated, so
-/// that a saturated point's allowance of half a pixel does not hide the noise; wide spots leave stars enough.
+/// that a saturated point's allowance does not hide the noise; wide spots leave stars enough.
 fn scenario(folder: &Path, seed: u64) -> Scenario {
     let setup = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/setups/wide-fov.toml");
     let path = folder.join(format!("scenario-{seed}.toml"));

@@ -9,7 +9,7 @@ use rand_distr::{Distribution as _, StandardNormal};
 use retina_geometry::Pinhole;
 use retina_image::CameraImage;
 use retina_navigation::flashes::{
-    BodyPose, FlashOptions, Light, NightSide, Spot, detect_flashes, normal_tail,
+    BodyPose, FlashOptions, Light, NightSide, Spot, ZeroPoint, detect_flashes, normal_tail,
 };
 use retina_navigation::limb::LimbCamera;
 
@@ -71,8 +71,11 @@ fn spot(image: &mut CameraImage, at: [f64; 2], light_dn: f64) {
 
 fn detect(image: &CameraImage, false_alarms_per_frame: f64) -> NightSide {
     let (camera, pose) = camera_and_pose();
-    let light =
-        Light { zero_point_magnitude: Some(15.0), gain_e_per_dn: None, spot: Spot::Gaussian(SPOT_PX) };
+    let light = Light {
+        zero_point: Some(ZeroPoint::constant(15.0)),
+        gain_e_per_dn: None,
+        spot: Spot::Gaussian(SPOT_PX),
+    };
     detect_flashes(
         image,
         &camera,

@@ -196,9 +196,10 @@ fn a_planet_is_not_found_where_the_prior_position_says_it_is_not() {
     let sight = right.iter().find(|sight| sight.planet == Planet::Saturn).unwrap();
     // 3 arcsec is a sixteenth of a pixel.
     assert!(sight.direction.angle_between(saturn.direction) < 3.0 * ARCSEC);
-    // It is saturated, and so has half a pixel of 49.5 arcsec (2 tan(7 deg) / 1024).
+    // It is saturated: no less than 0.05 px of 49.5 arcsec (2 tan(7 deg) / 1024), but the spot is round, and 0.3 px would
+    // be far too much.
     let sigma_arcsec = sight.covariance_rad2.x_axis.x.sqrt() / ARCSEC;
-    assert!((sigma_arcsec - 24.7).abs() < 0.5, "{sigma_arcsec}");
+    assert!((2.4..15.0).contains(&sigma_arcsec), "{sigma_arcsec}");
     // Ten million kilometres off, which is 25 arcmin at Saturn, and sure of 10^5.
     let elsewhere = Observer::new(
         TDB_S,

@@ -40,8 +40,9 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use retina_files::{InputError, nearest, parse_toml};
+use retina_files::{InputError, nearest, parse_schema};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 use crate::glass::{GlassCatalogue, Medium, read_agf};
 use crate::stock::stock_doublet;
@@ -119,7 +120,8 @@ pub fn parse_prescription(path: &Path, text: &str) -> Result<OpticalSystem, Inpu
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FileForm {
-    schema: String,
+    #[serde(rename = "schema")]
+    _schema: IgnoredAny,
     name: String,
     #[serde(default = "one")]
     clear_fraction: f64,
@@ -221,13 +223,8 @@ struct GroupForm {
 }
 
 fn parse_with(path: &Path, text: &str, mut glasses: GlassCatalogue) -> Result<OpticalSystem, InputError> {
-    let form: FileForm = parse_toml(path, text)?;
+    let form: FileForm = parse_schema(path, text, SCHEMA, "a prescription")?;
     let error = |at: &str, problem: &str| InputError::new(path, problem).at(at);
-    if form.schema != SCHEMA {
-        return Err(error("schema", "is not a prescription of this schema")
-            .found(&form.schema)
-            .expected(SCHEMA));
-    }
     for file in &form.glass_files {
         glasses.extend(read_agf(&path.parent().unwrap_or(Path::new("")).join(file))?);
     }

@@ -1,5 +1,8 @@
 //! A panel: two axes and what stands between them.
 
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+
 use crate::axis::Axis;
 use crate::colour::{Colour, ColourMap};
 use crate::picture;
@@ -436,7 +439,7 @@ fn draw_picture(svg: &mut Svg, map: &Map<'_>, heat: &HeatMap, colours: ColourMap
     let high = [low[0] + heat.columns as f64 * heat.pitch[0], low[1] + rows as f64 * heat.pitch[1]];
     let corners = (map.point([low[0], high[1]]), map.point([high[0], low[1]]));
     if let ((Some(a), Some(b)), Some(png)) = (corners, picture::png(heat, colours)) {
-        svg.image([a[0], a[1], b[0] - a[0], b[1] - a[1]], &picture::base64(&png));
+        svg.image([a[0], a[1], b[0] - a[0], b[1] - a[1]], &BASE64_STANDARD.encode(&png));
     }
 }
 

@@ -43,33 +43,9 @@ pub(crate) fn shade(value: f64, range: [f64; 2]) -> u8 {
     if value.is_finite() { (t.clamp(0.0, 1.0) * (SHADES - 1) as f64).round() as u8 } else { NONE }
 }
 
-/// Bytes as text of 64 letters (RFC 4648, sec. 4).
-pub(crate) fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for chunk in bytes.chunks(3) {
-        let word = (0..3).fold(0u32, |word, k| word << 8 | u32::from(chunk.get(k).copied().unwrap_or(0)));
-        for k in 0..4 {
-            let letter = LETTERS[(word >> (18 - 6 * k) & 63) as usize];
-            out.push(if k <= chunk.len() { char::from(letter) } else { '=' });
-        }
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// The vectors of RFC 4648, sec. 10.
-    #[test]
-    fn base64_of_the_standard() {
-        for (text, coded) in
-            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")]
-        {
-            assert_eq!(base64(text.as_bytes()), coded);
-        }
-    }
 
     /// Read back by a decoder: the lowest row is the last, the range's ends are the map's, no value is transparent.
     #[test]

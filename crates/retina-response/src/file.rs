@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use retina_files::{InputError, parse_toml, read_text};
+use retina_files::{InputError, read_schema};
 use retina_geometry::Setup;
 use retina_radiometry::ScreenResponse;
 use serde::{Deserialize, Serialize};
@@ -166,15 +166,8 @@ pub fn calibration_text(
 
 /// A calibration file as it is, checked to be `setup`'s.
 fn existing(path: &Path, setup: &str) -> Result<toml::Table, InputError> {
-    let file: toml::Table = parse_toml(path, &read_text(path)?)?;
+    let file: toml::Table = read_schema(path, SCHEMA, "a calibration")?;
     let found = |key: &str| file.get(key).and_then(toml::Value::as_str).unwrap_or("nothing").to_owned();
-    let schema = found("schema");
-    if schema != SCHEMA {
-        return Err(InputError::new(path, "is not a calibration")
-            .at("key `schema`")
-            .found(format!("`{schema}`"))
-            .expected(format!("`{SCHEMA}`")));
-    }
     if found("setup") != setup {
         return Err(InputError::new(path, "the calibration belongs to another setup")
             .at("key `setup`")

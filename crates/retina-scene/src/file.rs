@@ -5,14 +5,15 @@ use std::path::PathBuf;
 
 use retina_model::Body;
 use serde::de::value::MapAccessDeserializer;
-use serde::de::{Error as _, MapAccess, Visitor};
+use serde::de::{Error as _, IgnoredAny, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 
 /// The whole file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SceneFile {
-    pub(crate) schema: String,
+    #[serde(rename = "schema")]
+    _schema: IgnoredAny,
     pub(crate) setup: PathBuf,
     pub(crate) trajectory: TrajectoryKey,
     #[serde(default)]

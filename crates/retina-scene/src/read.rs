@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::DVec3;
-use retina_files::{InputError, hash_bytes, hash_file, parse_toml, read_text};
+use retina_files::{InputError, hash_bytes, hash_file, parse_schema, read_text};
 use retina_geometry::{Calibration, Setup};
 use retina_model::{external_files, load_body};
 use retina_radiometry::ScreenResponse;
@@ -30,13 +30,7 @@ impl Scene {
     pub fn read(path: impl AsRef<Path>) -> Result<Self, InputError> {
         let path = path.as_ref();
         let text = read_text(path)?;
-        let file: SceneFile = parse_toml(path, &text)?;
-        if file.schema != "retina.scene/1" {
-            return Err(InputError::new(path, "is not a scene")
-                .at("key `schema`")
-                .found(format!("`{}`", file.schema))
-                .expected("`retina.scene/1`"));
-        }
+        let file: SceneFile = parse_schema(path, &text, "retina.scene/1", "a scene")?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let mut inputs = vec![SceneInput { role: "scene".into(), hash: hash_bytes(text.as_bytes()) }];
         let mut input = |role: String, hash: String| inputs.push(SceneInput { role, hash });

@@ -6,7 +6,7 @@ use glam::DVec2;
 use rand::seq::SliceRandom as _;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use retina_files::{InputError, Table, hash_bytes, parse_toml, read_text, write_atomic};
+use retina_files::{InputError, Table, hash_bytes, read_schema, read_text, write_atomic};
 use retina_geometry::Setup;
 use retina_radiometry::ScreenResponse;
 use serde::Deserialize;
@@ -207,18 +207,11 @@ impl Pattern {
     pub fn read(folder: &Path, setup: &Setup) -> Result<Self, InputError> {
         #[derive(Deserialize)]
         struct Head {
-            schema: String,
             setup: String,
             hash: String,
         }
         let head_file = folder.join("pattern.toml");
-        let head: Head = parse_toml(&head_file, &read_text(&head_file)?)?;
-        if head.schema != "retina.pattern/1" {
-            return Err(InputError::new(&head_file, "is not a pattern")
-                .at("key `schema`")
-                .found(format!("`{}`", head.schema))
-                .expected("`retina.pattern/1`"));
-        }
+        let head: Head = read_schema(&head_file, "retina.pattern/1", "a pattern")?;
         if head.setup != setup.name {
             return Err(InputError::new(&head_file, "the pattern belongs to another setup")
                 .at("key `setup`")

@@ -2,25 +2,25 @@
 
 use std::path::Path;
 
-use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 use retina_geometry::Pinhole;
-use retina_sky::ephemeris::LIGHT_SPEED_M_S;
 use retina_sky::observer::Observer;
 use retina_sky::planets::{Planet, seen_planet};
 use serde::{Deserialize, Serialize};
 
-use super::lines::{Line, append, read_done};
 use super::photograph::Photographer;
 use super::points::uniform;
-use super::poses::{ARCSEC, FarRangeError, SAME_POINT_PX, rotation};
+use super::poses::{ARCSEC, FarRangeError, rotation};
 use super::scenario::{Images, Scenario, Transfer};
 use super::sky::{Source, sources};
 use super::transfer::{Course, Standing, chi2_mean_bounds, not_definite};
-use crate::filter::{Dynamics, Filter, PhaseState, apparent_direction, tangent_axes};
+use super::verdict::planet_verdict;
+use crate::filter::{Filter, PhaseState};
 use crate::image::{ImageContext, solve_points};
+use crate::lines::{Line, append, read_done};
 use crate::planets::{PlanetSight, PriorPosition};
 use crate::stars::{SolverOptions, StarPoint, StarSolver};
 
@@ -49,6 +49,7 @@ struct ImagedLine {
 
 impl Line for ImagedLine {
     const SCHEMA: &str = "retina.far-range-transfer/1";
+    const OF: &str = "scenario";
     const WHAT: &str = "images";
 
     fn number(&self) -> usize {
@@ -170,9 +171,10 @@ pub fn run_imaged(
                 (None, None) => continue,
             };
             if let (Some(direction), Some(covariance)) = (line.direction, line.covariance_rad2) {
-                let innovation = take_in(&mut filter, &course.dynamics, planet, direction, covariance)
+                let innovation = filter
+                    .update(&course.dynamics, planet, direction, covariance)
                     .ok_or_else(not_definite)?;
-                nis = (nis.0 + innovation, nis.1 + 1);
+                nis = (nis.0 + innovation.nis, nis.1 + 1);
             }
             lines.push(line);
         }
@@ -289,21 +291,16 @@ fn look(
     if off.truncate().length() > scenario.poses.found_within_arcsec * ARCSEC {
         "wrong".clone_into(&mut line.outcome);
     }
-    let Some(sight) = result.planets.iter().find(|sight| sight.planet == shot.planet) else {
-        line.planet_outcome = Some("missed".to_owned());
-        return Ok(line);
-    };
-    line.direction = Some(sight.direction);
-    line.covariance_rad2 = Some(inertial_covariance(sight, solution.camera_from_inertial()));
-    let truth = shot.shown.iter().find(|source| source.planet == Some(shot.planet));
-    let point = &result.points[sight.point];
-    let right = truth.filter(|t| camera.pinhole.pixel(t.line_of_sight).distance(point.pixel) < SAME_POINT_PX);
-    line.planet_outcome = Some(if right.is_some() { "found" } else { "wrong" }.to_owned());
-    line.planet_saturated = right.map(|_| point.saturated);
-    line.planet_arcsec = right.map(|truth| {
-        let direction = shot.camera_from_inertial.inverse() * truth.line_of_sight.extend(1.0).normalize();
-        sight.direction.angle_between(direction) / ARCSEC
-    });
+    let verdict = planet_verdict(&result, shot.planet, camera, &shot.shown, shot.camera_from_inertial);
+    line.planet_outcome = Some(verdict.outcome.to_owned());
+    if let Some(sight) = verdict.sight {
+        line.direction = Some(sight.direction);
+        line.covariance_rad2 = Some(inertial_covariance(sight, solution.camera_from_inertial()));
+    }
+    if let Some(found) = verdict.found {
+        line.planet_arcsec = Some(found.error_arcsec);
+        line.planet_saturated = Some(found.saturated);
+    }
     Ok(line)
 }
 
@@ -321,106 +318,4 @@ fn inertial_covariance(sight: &PlanetSight, camera_from_inertial: DQuat) -> DMat
     ];
     let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
     outer(weighted[0], columns[0]) + outer(weighted[1], columns[1])
-}
-
-/// Takes a direction with its covariance into the filter, and returns the normalised innovation squared. The two
-/// components are made independent by the covariance's Cholesky factor and taken in one after the other (Bierman 1977,
-/// chapter V), which is the joint update. `None`: the covariance is not positive definite; nothing was taken in.
-fn take_in(
-    filter: &mut Filter,
-    dynamics: &Dynamics,
-    planet: Planet,
-    measured: DVec3,
-    covariance_rad2: DMat3,
-) -> Option<f64> {
-    let (expected, distance_m) = apparent_direction(&dynamics.ephemeris, planet, filter.tdb_s, &filter.state);
-    let axes = tangent_axes(expected);
-    let c = |a: DVec3, b: DVec3| a.dot(covariance_rad2 * b);
-    let noise = DMat2::from_cols(
-        DVec2::new(c(axes[0], axes[0]), c(axes[1], axes[0])),
-        DVec2::new(c(axes[0], axes[1]), c(axes[1], axes[1])),
-    );
-    if noise.x_axis.x <= 0.0 || noise.determinant() <= 0.0 {
-        return None;
-    }
-    // Rows of L^-1 times the axes: components of unit variance.
-    let first = noise.x_axis.x.sqrt();
-    let below = noise.x_axis.y / first;
-    let second = (noise.y_axis.y - below * below).sqrt();
-    let whitened = [axes[0] / first, (axes[1] - axes[0] * (below / first)) / second];
-    let start = filter.state.to_array();
-    let mut state = start;
-    let mut nis = 0.0;
-    for axis in whitened {
-        let (r, v) = (-axis / distance_m, axis / LIGHT_SPEED_M_S);
-        let h = [r.x, r.y, r.z, v.x, v.y, v.z];
-        let moved: f64 = (0..6).map(|i| h[i] * (state[i] - start[i])).sum();
-        let innovation = measured.dot(axis) - moved;
-        let ph: [f64; 6] = std::array::from_fn(|i| (0..6).map(|j| filter.covariance[i][j] * h[j]).sum());
-        let variance = 1.0 + (0..6).map(|i| h[i] * ph[i]).sum::<f64>();
-        for i in 0..6 {
-            state[i] += ph[i] * innovation / variance;
-            for j in 0..6 {
-                filter.covariance[i][j] -= ph[i] * ph[j] / variance;
-            }
-        }
-        nis += innovation * innovation / variance;
-    }
-    filter.state = PhaseState::from_array(state);
-    Some(nis)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::filter::EphemerisTable;
-
-    /// An isotropic covariance gives what the filter's own update gives, in Joseph's form.
-    #[test]
-    fn an_update_of_two_components_is_the_joint_one() {
-        let tdb_s = 1.0e9;
-        let dynamics = Dynamics {
-            ephemeris: EphemerisTable::new([tdb_s, tdb_s + 86_400.0]).unwrap(),
-            pressure_area_m2_kg: 0.0,
-        };
-        let state = PhaseState {
-            position_m: DVec3::new(1.8e11, -0.9e11, -3e10),
-            velocity_m_s: DVec3::new(9e3, 20e3, 8e3),
-        };
-        let mut covariance = [[0.0; 6]; 6];
-        for i in 0..6 {
-            covariance[i][i] = if i < 3 { (1e7 * (1.0 + i as f64)).powi(2) } else { 900.0 };
-        }
-        let mut joint = Filter { tdb_s, state, covariance, acceleration_sigma_m_s2: 0.0 };
-        let mut parted = joint.clone();
-        let (direction, _) = apparent_direction(&dynamics.ephemeris, Planet::Earth, tdb_s, &state);
-        let axes = tangent_axes(direction);
-        let measured = (direction + axes[0] * 4e-5 - axes[1] * 7e-5).normalize();
-        let sigma_rad = 2e-5;
-        let expected = joint.update(&dynamics, Planet::Earth, measured, sigma_rad).unwrap().nis;
-        let isotropic = DMat3::from_diagonal(DVec3::splat(sigma_rad * sigma_rad));
-        let found = take_in(&mut parted, &dynamics, Planet::Earth, measured, isotropic).unwrap();
-        assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
-        let moved = joint.state.position_m - state.position_m;
-        let off = (parted.state.position_m - joint.state.position_m).length();
-        assert!(moved.length() > 1e6 && off < 1e-6 * moved.length(), "{off} m of {moved}");
-        for i in 0..6 {
-            let (a, b) = (joint.covariance[i][i], parted.covariance[i][i]);
-            assert!((a / b - 1.0).abs() < 1e-9, "{i}: {a} {b}");
-        }
-        // A noise that is larger along one axis leaves more along it, and the other as it was.
-        let wide = isotropic
-            + DMat3::from_cols(axes[0] * axes[0].x, axes[0] * axes[0].y, axes[0] * axes[0].z) * 1e-6;
-        let mut uneven = Filter { state, covariance, ..joint.clone() };
-        take_in(&mut uneven, &dynamics, Planet::Earth, measured, wide).unwrap();
-        let along = |filter: &Filter, axis: DVec3| -> f64 {
-            let a = axis.to_array();
-            (0..3)
-                .flat_map(|i| (0..3).map(move |j| (i, j)))
-                .map(|(i, j)| a[i] * filter.covariance[i][j] * a[j])
-                .sum()
-        };
-        assert!(along(&uneven, axes[0]) > 2.0 * along(&joint, axes[0]));
-        assert!((along(&uneven, axes[1]) / along(&joint, axes[1]) - 1.0).abs() < 0.5);
-    }
 }

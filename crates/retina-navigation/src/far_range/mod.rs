@@ -9,7 +9,6 @@
 //! - [`report`]: JSON and figures.
 
 mod imaged;
-mod lines;
 mod photograph;
 pub mod points;
 mod poses;
@@ -17,6 +16,7 @@ pub mod report;
 mod scenario;
 pub mod sky;
 mod transfer;
+mod verdict;
 
 pub use imaged::{ImagedResult, ImagedSession, run_imaged};
 pub use photograph::Photographer;

@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution as _, StandardNormal};
 use rayon::prelude::*;
+use retina_batch::{Selection, Shard};
 use retina_files::InputError;
 use retina_sky::observer::Observer;
 use retina_sky::planets::Planet;
@@ -14,19 +15,18 @@ use retina_sky::trajectory::FramePose;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::lines::{Line, append, read_done};
 use super::photograph::Photographer;
 use super::scenario::Scenario;
 use super::sky::sources;
+use super::verdict::planet_verdict;
 use crate::image::{ImageContext, solve_points};
+use crate::lines::{Line, append, list_name, read_done};
 use crate::planets::PriorPosition;
 use crate::stars::{SolverOptions, StarSolver};
 
 pub(super) const ARCSEC: f64 = std::f64::consts::PI / 648_000.0;
 /// Poses between two writes of the list.
 const CHUNK: usize = 32;
-/// A planet's point is the right one within this distance of where the planet is shown, px.
-pub(super) const SAME_POINT_PX: f64 = 4.0;
 
 /// What ends the experiment.
 #[derive(Debug, Error)]
@@ -73,40 +73,46 @@ pub struct PoseResult {
     pub planet_saturated: Option<bool>,
 }
 
-/// Runs the poses that are not yet in `folder`'s `poses.jsonl`, and returns all of them in order. `progress` hears
-/// how many are done.
+/// Runs the poses, or a shard's, that are not yet in `folder`'s lists, and returns them in order. The lists are
+/// `poses.jsonl` and, of shards, `poses-I-of-N.jsonl`; one's own is written. `progress` hears how many are done.
 ///
 /// # Errors
 /// The folder holds another scenario's poses or cannot be written; the poses cannot be made.
 pub fn run_poses(
     scenario: &Scenario,
+    shard: Option<Shard>,
     folder: &Path,
     progress: &mut dyn FnMut(usize),
 ) -> Result<Vec<PoseResult>, FarRangeError> {
-    let wanted = scenario.deep_space();
-    let (trajectory, planets) = wanted.generate().map_err(|error| FarRangeError::Sky(error.to_string()))?;
-    let path = folder.join("poses.jsonl");
+    let poses = scenario.deep_space();
+    let (trajectory, planets) = poses.generate().map_err(|error| FarRangeError::Sky(error.to_string()))?;
+    let path = folder.join(list_name("poses", shard));
     let mut done = read_done::<PoseResult>(&path, &scenario.poses_hash)?;
     let photographer = Photographer::new(scenario)?;
-    let middle_s = 0.5 * (wanted.epochs_tdb_s[0] + wanted.epochs_tdb_s[1]);
+    let middle_s = 0.5 * (poses.epochs_tdb_s[0] + poses.epochs_tdb_s[1]);
     let solver =
         StarSolver::new(photographer.camera(), SolverOptions { tdb_s: middle_s, ..SolverOptions::default() });
-    let missing: Vec<usize> = (0..scenario.poses.count).filter(|at| !done.contains_key(at)).collect();
-    progress(done.len());
+    let selection = Selection { shard, ..Selection::default() };
+    let wanted = selection.frames(scenario.poses.count)?;
+    let missing: Vec<usize> = wanted.iter().copied().filter(|at| !done.contains_key(at)).collect();
+    let mut finished = wanted.len() - missing.len();
+    progress(finished);
     for chunk in missing.chunks(CHUNK) {
         let results: Vec<PoseResult> = chunk
             .par_iter()
             .map(|&at| run_pose(scenario, &photographer, &solver, at, &trajectory.frames[at], planets[at]))
             .collect::<Result<_, FarRangeError>>()?;
         append(&path, &results)?;
+        finished += results.len();
         done.extend(results.into_iter().map(|result| (result.pose, result)));
-        progress(done.len());
+        progress(finished);
     }
-    Ok(done.into_values().filter(|result| result.pose < scenario.poses.count).collect())
+    Ok(wanted.iter().filter_map(|pose| done.remove(pose)).collect())
 }
 
 impl Line for PoseResult {
     const SCHEMA: &str = "retina.far-range-poses/1";
+    const OF: &str = "scenario";
     const WHAT: &str = "poses";
 
     fn number(&self) -> usize {
@@ -173,28 +179,15 @@ fn run_pose(
         "wrong".clone_into(&mut out.outcome);
         return Ok(out);
     }
-    let truth = shown.iter().find(|source| source.planet == Some(planet));
-    let sight = result.planets.iter().find(|sight| sight.planet == planet);
-    let verdict = match (truth, sight) {
-        (Some(truth), Some(sight)) => {
-            let pixel = camera.pinhole.pixel(truth.line_of_sight);
-            if result.points[sight.point].pixel.distance(pixel) < SAME_POINT_PX {
-                let direction =
-                    pose.camera_from_inertial.inverse() * truth.line_of_sight.extend(1.0).normalize();
-                out.planet_arcsec = Some(sight.direction.angle_between(direction) / ARCSEC);
-                let seen = solution.camera_from_inertial() * direction;
-                let off = sight.line_of_sight - seen.truncate() / seen.z;
-                out.planet_saturated = Some(result.points[sight.point].saturated);
-                out.planet_distance2 = Some(off.dot(sight.covariance_rad2.inverse() * off));
-                "found"
-            } else {
-                "wrong"
-            }
-        }
-        (None, Some(_)) => "wrong",
-        (_, None) => "missed",
-    };
-    out.planet_outcome = Some(verdict.to_owned());
+    let verdict = planet_verdict(&result, planet, camera, &shown, pose.camera_from_inertial);
+    out.planet_outcome = Some(verdict.outcome.to_owned());
+    if let (Some(sight), Some(found)) = (verdict.sight, verdict.found) {
+        out.planet_arcsec = Some(found.error_arcsec);
+        out.planet_saturated = Some(found.saturated);
+        let seen = solution.camera_from_inertial() * found.direction;
+        let off = sight.line_of_sight - seen.truncate() / seen.z;
+        out.planet_distance2 = Some(off.dot(sight.covariance_rad2.inverse() * off));
+    }
     Ok(out)
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_files::{InputError, hash_bytes, read_text};
+use retina_files::{InputError, hash_bytes, read_schema, read_text};
 use retina_geometry::{Calibration, Setup};
 use retina_sky::deep_space::DeepSpace;
 use retina_sky::planets::Planet;
@@ -245,13 +245,7 @@ impl Scenario {
     /// # Errors
     /// It, or a file that it names, does not fit.
     pub fn read(path: &Path, choice: &Choice) -> Result<Self, InputError> {
-        let mut file: File = retina_files::read_toml(path)?;
-        if file.schema != "retina.far-range/1" {
-            return Err(InputError::new(path, "is not a far-range scenario")
-                .at("key `schema`")
-                .found(format!("`{}`", file.schema))
-                .expected("`retina.far-range/1`"));
-        }
+        let mut file: File = read_schema(path, "retina.far-range/1", "a far-range scenario")?;
         file.images = choice.images.unwrap_or(file.images);
         file.poses.count = choice.poses.unwrap_or(file.poses.count);
         if let (Some(transfer), Some(images)) = (&mut file.transfer, choice.transfer_images) {

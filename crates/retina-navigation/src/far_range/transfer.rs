@@ -1,6 +1,6 @@
 //! A transfer that ends near Mars, navigated by planets: Monte Carlo of the filter.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution as _, StandardNormal};
@@ -328,6 +328,7 @@ fn run_sample(
     let mut random = ChaCha8Rng::seed_from_u64(seed ^ 0x6d61_7273);
     random.set_stream(sample as u64);
     let (mut truth, mut filter) = course.start(transfer, &mut random)?;
+    let believed = DMat3::from_diagonal(DVec3::splat(believed_rad * believed_rad));
     let mut records = Vec::new();
     for session in &course.sessions {
         let mut nis = (0.0, 0);
@@ -344,7 +345,7 @@ fn run_sample(
             let (direction, _) = apparent_direction(&dynamics.ephemeris, planet, tdb_s, &truth);
             let axes = tangent_axes(direction);
             let measured = (direction + (axes[0] * noise[0] + axes[1] * noise[1]) * sigma_rad).normalize();
-            let innovation = filter.update(dynamics, planet, measured, believed_rad)?;
+            let innovation = filter.update(dynamics, planet, measured, believed)?;
             nis = (nis.0 + innovation.nis, nis.1 + 1);
         }
         let fix = fix_error(dynamics, session, &filter, &truth, &mut random, sigma_rad);

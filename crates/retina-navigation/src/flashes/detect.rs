@@ -36,11 +36,37 @@ impl Default for FlashOptions {
     }
 }
 
+/// Magnitude of one DN of a point's light over an image: spots differ, and a window of one width for all holds another
+/// share of each.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ZeroPoint {
+    /// In the image's middle.
+    pub magnitude: f64,
+    /// What is added in its corners; elsewhere by the square of the distance from the middle.
+    pub corner_magnitude: f64,
+}
+
+impl ZeroPoint {
+    /// The same everywhere.
+    pub fn constant(magnitude: f64) -> Self {
+        Self { magnitude, corner_magnitude: 0.0 }
+    }
+
+    /// Squared distance from the middle of an image of a size, the corners' being one.
+    pub(super) fn distance2(px: DVec2, size_px: DVec2) -> f64 {
+        (px - 0.5 * size_px).length_squared() / (0.25 * size_px.length_squared())
+    }
+
+    fn at(&self, px: DVec2, size_px: DVec2) -> f64 {
+        self.magnitude + self.corner_magnitude * Self::distance2(px, size_px)
+    }
+}
+
 /// What is known of an image's light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
     /// Magnitude of one DN of a point's light; `None`: magnitudes are not known.
-    pub zero_point_magnitude: Option<f64>,
+    pub zero_point: Option<ZeroPoint>,
     /// Electrons per DN: adds the light's own noise. `None`: it has none, as in a screen image.
     pub gain_e_per_dn: Option<f64>,
     /// What a point looks like.
@@ -155,6 +181,7 @@ pub fn detect_flashes(
         mesh_px: options.mesh_px,
         ..DetectOptions::default()
     };
+    let size_px = DVec2::new(f64::from(image.width_px), f64::from(image.height_px));
     let found = detect_points_in(image, &Area { mask: &night.mask, spikes: screen }, &detect);
     [night.background_dn, night.noise_dn] = [found.background_dn, found.noise_dn];
     night.candidates = found
@@ -176,9 +203,9 @@ pub fn detect_flashes(
                 flux_dn: light_dn,
                 snr: point.snr,
                 magnitude: light
-                    .zero_point_magnitude
+                    .zero_point
                     .filter(|_| light_dn > 0.0)
-                    .map(|zero| zero - 2.5 * light_dn.log10()),
+                    .map(|zero| zero.at(px, size_px) - 2.5 * light_dn.log10()),
                 sigma_magnitude: noisy.then(|| 2.5 / std::f64::consts::LN_10 / point.snr),
                 saturated: point.saturated,
             })

@@ -12,11 +12,12 @@ use retina_radiometry::{ScreenResponse, irradiance_of_magnitude_w_m2_nm};
 use retina_scene::Compensation;
 use retina_screen::PointPainter;
 
+use super::detect::ZeroPoint;
 use super::report::Watched;
 use super::scenario::FlashScenario;
 use super::sequence::{CameraLight, watch_sequence};
 use super::summary::summarise;
-use crate::experiment::{Chain, ChainChoice, ExperimentError, Watcher};
+use crate::experiment::{Chain, ExperimentError, Watcher};
 use crate::full_disk::{ImageKind, Source, SourceChoice};
 use crate::limb::LimbOptions;
 
@@ -31,19 +32,11 @@ pub fn run_scenario(
     backend: BackendChoice,
     watcher: &mut dyn Watcher,
 ) -> Result<Vec<Watched>, ExperimentError> {
-    let choice = ChainChoice {
-        scene: &scenario.scene,
-        selection: scenario.selection,
-        seed: scenario.seed,
-        calibration: scenario.calibration.as_deref(),
-        campaign: scenario.campaign,
-        hash: &scenario.hash,
-        out,
-        backend,
-    };
-    let chain = Chain::open(choice, watcher)?;
+    let chain = Chain::open(&scenario.chain, out, backend, watcher)?;
     let Some(exposure_s) = chain.scene().flashes.as_ref().map(|flashes| flashes.exposure_s) else {
-        return Err(InputError::new(&scenario.scene, "has no flashes").expected("a table [flashes]").into());
+        return Err(InputError::new(&scenario.chain.scene, "has no flashes")
+            .expected("a table [flashes]")
+            .into());
     };
     let ideal = chain.screens("ideal", Compensation::None, watcher)?;
     let upstream = chain.screens("upstream", Compensation::Direct, watcher)?;
@@ -140,16 +133,31 @@ fn camera_light(bench: &Bench, exposure_s: f64) -> Result<CameraLight, Experimen
     };
     let spot_sigma_px = *widths.get(widths.len() / 2).ok_or_else(missing)?;
     let found = detect_points(&image, &options(spot_sigma_px)).points;
-    let zero_points: Vec<f64> = found
+    let size_px = DVec2::new(f64::from(image.width_px), f64::from(image.height_px));
+    let measured: Vec<(f64, f64)> = found
         .iter()
         .filter(|point| point.flux_dn > 0.0)
-        .map(|point| magnitude + 2.5 * (point.flux_dn * exposure_s / short_s).log10())
+        .map(|point| {
+            let zero = magnitude + 2.5 * (point.flux_dn * exposure_s / short_s).log10();
+            (ZeroPoint::distance2(DVec2::new(point.x_px, point.y_px), size_px), zero)
+        })
         .collect();
-    if zero_points.is_empty() {
-        return Err(missing().into());
+    let zero_point = zero_point_through(&measured).ok_or_else(missing)?;
+    Ok(CameraLight { zero_point: Some(zero_point), spot_sigma_px })
+}
+
+/// The line of zero points over squared distances from the middle that leaves the least squares; `None` for none, or all
+/// at one distance.
+fn zero_point_through(measured: &[(f64, f64)]) -> Option<ZeroPoint> {
+    let count = measured.len() as f64;
+    let mean = |of: &dyn Fn(&(f64, f64)) -> f64| measured.iter().map(of).sum::<f64>() / count;
+    let (distance, zero) = (mean(&|m| m.0), mean(&|m| m.1));
+    let spread = mean(&|m| (m.0 - distance).powi(2));
+    if !(spread > 0.0) {
+        return None;
     }
-    let zero_point = zero_points.iter().sum::<f64>() / zero_points.len() as f64;
-    Ok(CameraLight { zero_point_magnitude: Some(zero_point), spot_sigma_px })
+    let slope = mean(&|m| (m.0 - distance) * (m.1 - zero)) / spread;
+    Some(ZeroPoint { magnitude: zero - slope * distance, corner_magnitude: slope })
 }
 
 /// Electrons of an exposure from those of one second.

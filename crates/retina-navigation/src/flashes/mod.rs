@@ -17,12 +17,12 @@ mod sequence;
 mod summary;
 
 pub use detect::{
-    Candidate, FlashOptions, Light, NightSide, Spot, detect_flashes, normal_tail, threshold_sigma,
+    Candidate, FlashOptions, Light, NightSide, Spot, ZeroPoint, detect_flashes, normal_tail, threshold_sigma,
 };
 pub use experiment::run_scenario;
 pub use figures::figure_rates;
 pub use night::{BodyPose, Margins, Met, night_mask};
 pub use rates::{Logistic, RateBin, Trial, fit_logistic, rate_bins, wilson};
 pub use scenario::FlashScenario;
-pub use sequence::{CameraLight, FlashFrame, FlashOutcome, watch_frame, watch_sequence};
+pub use sequence::{CameraLight, FlashFrame, FlashOutcome, flash_notes, watch_frame, watch_sequence};
 pub use summary::{FlashSummary, summarise, trials};

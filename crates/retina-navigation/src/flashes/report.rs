@@ -24,11 +24,44 @@ impl Watched {
     fn json(&self) -> Value {
         json!({
             "name": self.label,
-            "zero_point_magnitude": self.light.and_then(|light| light.zero_point_magnitude),
+            "zero_point_magnitude": self.light.and_then(|light| light.zero_point).map(|zero| zero.magnitude),
+            "zero_point_corner_magnitude":
+                self.light.and_then(|light| light.zero_point).map(|zero| zero.corner_magnitude),
             "spot_sigma_px": self.light.map(|light| light.spot_sigma_px),
             "summary": self.summary,
         })
     }
+
+    /// Why there are no rates, or rates of little: those of nothing are none.
+    pub fn nothing_to_see(&self) -> Vec<String> {
+        let mut out = Vec::new();
+        if self.frames.iter().all(|frame| frame.flashes.is_empty()) {
+            out.push(
+                "the truth holds no flash (the scene had no [flashes], or none during an exposure): candidates are all \
+                 false, rates say nothing"
+                    .to_owned(),
+            );
+        }
+        let blind = self.frames.iter().filter(|frame| frame.watched_px == 0).count();
+        if blind > 0 {
+            out.push(format!(
+                "in {blind} of {} frames no pixel is left to look at: the night side is within the margins to the limb, \
+                 the terminator and what relief may light (limb_margin_px, terminator_margin_px, relief), or off the \
+                 field",
+                self.frames.len()
+            ));
+        }
+        out
+    }
+}
+
+/// What must be said of a scenario's sequences, each by its name.
+pub fn scenario_notes(sequences: &[Watched]) -> Vec<String> {
+    let named = |sequence: &Watched| {
+        let notes = sequence.nothing_to_see().into_iter();
+        notes.map(|note| format!("{}: {note}", sequence.label)).collect::<Vec<_>>()
+    };
+    sequences.iter().flat_map(named).collect()
 }
 
 /// The document of `navigate flashes DIR --json`, schema `retina.navigation-flashes/1`.
@@ -42,11 +75,12 @@ pub fn document(watched: &Watched, options: &FlashOptions, notes: &[String]) -> 
 }
 
 /// The document of a scenario, schema `retina.flashes-result/1`; frames stand in the kinds' own files.
-pub fn scenario_document(sequences: &[Watched], options: &FlashOptions) -> Value {
+pub fn scenario_document(sequences: &[Watched], options: &FlashOptions, notes: &[String]) -> Value {
     json!({
         "schema": "retina.flashes-result/1",
         "detector": options,
         "kinds": sequences.iter().map(Watched::json).collect::<Vec<_>>(),
+        "notes": notes,
     })
 }
 

@@ -2,40 +2,31 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_batch::{FrameRange, Selection};
-use retina_files::{InputError, hash_bytes, hash_file, read_text};
+use retina_files::{InputError, read_schema};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 use super::detect::FlashOptions;
-use crate::experiment::Campaign;
+use crate::experiment::{Campaign, ChainKeys, ChainScenario, check_values, each};
 
 /// The experiment.
 #[derive(Debug, Clone)]
 pub struct FlashScenario {
-    /// The scene with its flashes; its compensation is replaced.
-    pub scene: PathBuf,
-    /// Which of its frames.
-    pub selection: Selection,
-    /// Seed of the bench.
-    pub seed: u64,
-    /// The bench's calibration; it is measured where absent.
-    pub calibration: Option<PathBuf>,
-    /// How it is measured.
-    pub campaign: Campaign,
+    /// The scene with its flashes, the bench and its calibration.
+    pub chain: ChainScenario,
     /// Share of the charge above full well that runs along the sensor's columns.
     pub blooming: f64,
     /// Width of the bins of the rates.
     pub bin_magnitudes: f64,
     /// The detector.
     pub detector: FlashOptions,
-    /// Hash of the file and of all that it names.
-    pub hash: String,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
-    schema: String,
+    #[serde(rename = "schema")]
+    _schema: IgnoredAny,
     scene: PathBuf,
     #[serde(default = "each")]
     every: usize,
@@ -51,10 +42,6 @@ struct File {
     bin_magnitudes: f64,
     #[serde(default)]
     detector: FlashOptions,
-}
-
-fn each() -> usize {
-    1
 }
 
 fn half() -> f64 {
@@ -102,58 +89,29 @@ impl FlashScenario {
     /// # Errors
     /// It does not fit.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let file: File = retina_files::read_toml(path)?;
-        if file.schema != "retina.flashes/1" {
-            return Err(InputError::new(path, "is not a scenario of flashes")
-                .at("key `schema`")
-                .found(format!("`{}`", file.schema))
-                .expected("`retina.flashes/1`"));
-        }
-        let c = &file.campaign;
-        for (key, value, fits, expected) in [
-            ("every", file.every as f64, file.every > 0, "1 or more"),
-            ("campaign.exposures", c.exposures as f64, (3..=999).contains(&c.exposures), "3 to 999"),
-            ("campaign.points", c.points as f64, (3..=5000).contains(&c.points), "3 to 5000"),
-            ("blooming", file.blooming, (0.0..=1.0).contains(&file.blooming), "0 to 1"),
-            (
-                "bin_magnitudes",
-                file.bin_magnitudes,
-                (0.01..=10.0).contains(&file.bin_magnitudes),
-                "0.01 to 10",
-            ),
-        ] {
-            if !fits {
-                return Err(InputError::new(path, "the value does not fit")
-                    .at(format!("key `{key}`"))
-                    .found(value)
-                    .expected(expected));
-            }
-        }
+        let file: File = read_schema(path, "retina.flashes/1", "a scenario of flashes")?;
+        let bins = file.bin_magnitudes;
+        check_values(
+            path,
+            &[
+                ("blooming", file.blooming, (0.0..=1.0).contains(&file.blooming), "0 to 1"),
+                ("bin_magnitudes", bins, (0.01..=10.0).contains(&bins), "0.01 to 10"),
+            ],
+        )?;
         file.detector.check(path, |key| format!("key `detector.{key}`"))?;
-        let range = match &file.frames {
-            None => None,
-            Some(text) => Some(
-                text.parse::<FrameRange>()
-                    .map_err(|error| InputError::new(path, error).at("key `frames`"))?,
-            ),
-        };
-        let folder = path.parent().unwrap_or(Path::new(""));
-        let scene = folder.join(&file.scene);
-        let calibration = file.calibration.as_ref().map(|own| folder.join(own));
-        let mut text = read_text(path)?;
-        for named in [Some(&scene), calibration.as_ref()].into_iter().flatten() {
-            text.push_str(&hash_file(named)?);
-        }
-        Ok(Self {
-            scene,
-            selection: Selection { range, every: Some(file.every), shard: None },
+        let keys = ChainKeys {
+            scene: file.scene,
+            every: file.every,
+            frames: file.frames,
             seed: file.seed,
-            calibration,
+            calibration: file.calibration,
             campaign: file.campaign,
+        };
+        Ok(Self {
+            chain: ChainScenario::new(path, keys)?,
             blooming: file.blooming,
             bin_magnitudes: file.bin_magnitudes,
             detector: file.detector,
-            hash: hash_bytes(text.as_bytes()),
         })
     }
 }

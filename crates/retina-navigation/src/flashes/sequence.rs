@@ -8,11 +8,13 @@ use retina_files::{InputError, hash_bytes, read_text};
 use retina_radiometry::magnitude_of_irradiance;
 use serde::{Deserialize, Serialize};
 
-use super::detect::{Candidate, FlashOptions, Light, NightSide, Spot, detect_flashes};
+use super::detect::{Candidate, FlashOptions, Light, NightSide, Spot, ZeroPoint, detect_flashes};
 use super::night::BodyPose;
 use crate::frame_lines::{FrameLine, measure_frames};
 use crate::full_disk::source::{LINEAR_FULL_SCALE_DN, truth_path};
 use crate::full_disk::{FrameTruth, ImageKind, Source};
+use crate::limb::Mapping;
+use crate::lines::Line;
 
 /// Schema of the lists of frames and of the document.
 pub(super) const SCHEMA: &str = "retina.navigation-flashes/1";
@@ -24,7 +26,7 @@ const SAME_PX: f64 = 3.0;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraLight {
     /// Magnitude of one DN of a point's light in these images.
-    pub zero_point_magnitude: Option<f64>,
+    pub zero_point: Option<ZeroPoint>,
     /// Standard deviation of a point's spot, px.
     pub spot_sigma_px: f64,
 }
@@ -85,11 +87,17 @@ pub struct FlashFrame {
     pub inputs: String,
 }
 
-impl FrameLine for FlashFrame {
-    fn frame(&self) -> usize {
+impl Line for FlashFrame {
+    const SCHEMA: &str = SCHEMA;
+    const OF: &str = "sequence";
+    const WHAT: &str = "frames";
+
+    fn number(&self) -> usize {
         self.frame
     }
+}
 
+impl FrameLine for FlashFrame {
     fn inputs(&self) -> &str {
         &self.inputs
     }
@@ -99,6 +107,7 @@ impl FrameLine for FlashFrame {
 #[derive(Deserialize)]
 struct TruthFile {
     radiance_scale: f64,
+    exposure_s: Option<f64>,
     flashes: Option<Vec<TruthFlash>>,
 }
 
@@ -136,14 +145,16 @@ fn light_of(source: &Source, camera: &CameraLight, radiance_scale: f64) -> Light
     let scaled = 2.5 * radiance_scale.log10();
     match source.kind {
         ImageKind::Screen => Light {
-            zero_point_magnitude: source
-                .full_w_m2_nm
-                .map(|full| magnitude_of_irradiance(full / f64::from(LINEAR_FULL_SCALE_DN)) + scaled),
+            zero_point: source.full_w_m2_nm.map(|full| {
+                ZeroPoint::constant(magnitude_of_irradiance(full / f64::from(LINEAR_FULL_SCALE_DN)) + scaled)
+            }),
             gain_e_per_dn: None,
             spot: Spot::Pixels,
         },
         ImageKind::Camera => Light {
-            zero_point_magnitude: camera.zero_point_magnitude.map(|zero| zero + scaled),
+            zero_point: camera
+                .zero_point
+                .map(|zero| ZeroPoint { magnitude: zero.magnitude + scaled, ..zero }),
             gain_e_per_dn: source.setup.as_ref().map(|setup| {
                 let (noise, largest) = (&setup.noise, 2f64.powi(setup.camera.bits as i32) - 1.0);
                 noise.gain_e_per_dn.unwrap_or(noise.full_well_e / (largest - noise.offset_dn).max(1.0))
@@ -151,6 +162,35 @@ fn light_of(source: &Source, camera: &CameraLight, radiance_scale: f64) -> Light
             spot: Spot::Gaussian(camera.spot_sigma_px),
         },
     }
+}
+
+/// What the user should know of a source before flashes are looked for on it: photographs of another exposure than the
+/// scene's hold another light of each flash, and those that hold the facility's distortion have it elsewhere.
+///
+/// # Errors
+/// The first frame's truth cannot be read.
+pub fn flash_notes(source: &Source) -> Result<Vec<String>, InputError> {
+    let mut notes = source.notes.clone();
+    if source.kind != ImageKind::Camera {
+        return Ok(notes);
+    }
+    let truth = TruthFile::read(&truth_path(&source.choice.dir, source.frames[0]))?;
+    if let (Some(taken_s), Some(scene_s)) = (source.exposure_s, truth.exposure_s)
+        && (taken_s / scene_s - 1.0).abs() > 0.01
+    {
+        notes.push(format!(
+            "the photographs were exposed for {taken_s} s, the scene's flashes are means over {scene_s} s: the \
+             camera took {:.3} of the light that it would have taken then (`simulate frames` has --exposure-s)",
+            taken_s / scene_s
+        ));
+    }
+    if matches!(source.camera.mapping, Mapping::Pinhole) && !source.truth(source.frames[0])?.compensated {
+        notes.push(format!(
+            "without a calibration flashes stand off their places by the facility's distortion; a candidate more than \
+             {SAME_PX} px away counts as false"
+        ));
+    }
+    Ok(notes)
 }
 
 /// Looks for flashes on one frame and compares with the truth.
@@ -276,11 +316,5 @@ pub fn watch_sequence(
     progress: &mut dyn FnMut(usize),
 ) -> Result<Vec<FlashFrame>, InputError> {
     let hash = hash_bytes(format!("{} {light:?} {options:?}", source.hash).as_bytes());
-    measure_frames(
-        source,
-        (SCHEMA, &hash),
-        list,
-        |frame| watch_frame(source, light, options, frame),
-        progress,
-    )
+    measure_frames(source, &hash, list, |frame| watch_frame(source, light, options, frame), progress)
 }

@@ -14,7 +14,7 @@ use super::scenario::FullDiskScenario;
 use super::sequence::{navigate_sequence, summarise};
 use super::source::{ImageKind, Source, SourceChoice};
 use super::truth::FrameTruth;
-use crate::experiment::{Chain, ChainChoice, ExperimentError, Watcher, exposure_s};
+use crate::experiment::{Chain, ExperimentError, Watcher, exposure_s};
 use crate::limb::LimbOptions;
 
 /// Runs a scenario into `out`; what is there of the same scenario is kept. Gives the sequences in the order ideal,
@@ -28,17 +28,7 @@ pub fn run_scenario(
     backend: BackendChoice,
     watcher: &mut dyn Watcher,
 ) -> Result<Vec<Sequence>, ExperimentError> {
-    let choice = ChainChoice {
-        scene: &scenario.scene,
-        selection: scenario.selection,
-        seed: scenario.seed,
-        calibration: scenario.calibration.as_deref(),
-        campaign: scenario.campaign,
-        hash: &scenario.hash,
-        out,
-        backend,
-    };
-    let chain = Chain::open(choice, watcher)?;
+    let chain = Chain::open(&scenario.chain, out, backend, watcher)?;
     let mut screens = Vec::new();
     for (name, mode) in [("uncompensated", Compensation::None), ("upstream", Compensation::Direct)] {
         screens.push(chain.screens(name, mode, watcher)?);

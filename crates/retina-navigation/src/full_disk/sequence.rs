@@ -11,6 +11,7 @@ use super::source::Source;
 use super::truth::FrameTruth;
 use crate::frame_lines::{FrameLine, measure_frames};
 use crate::limb::{LimbOptions, solve_limb};
+use crate::lines::Line;
 
 /// A position that a frame gave.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -130,11 +131,17 @@ fn result(
     }
 }
 
-impl FrameLine for FrameResult {
-    fn frame(&self) -> usize {
+impl Line for FrameResult {
+    const SCHEMA: &str = "retina.navigation-full-disk/1";
+    const OF: &str = "sequence";
+    const WHAT: &str = "frames";
+
+    fn number(&self) -> usize {
         self.frame
     }
+}
 
+impl FrameLine for FrameResult {
     fn inputs(&self) -> &str {
         &self.inputs
     }
@@ -150,8 +157,7 @@ pub fn navigate_sequence(
     list: Option<&Path>,
     progress: &mut dyn FnMut(usize),
 ) -> Result<Vec<FrameResult>, InputError> {
-    let of = ("retina.navigation-full-disk/1", &source.hash[..]);
-    measure_frames(source, of, list, |frame| navigate_frame(source, frame), progress)
+    measure_frames(source, &source.hash, list, |frame| navigate_frame(source, frame), progress)
 }
 
 /// Rates and distributions of a sequence.

@@ -66,6 +66,8 @@ pub struct Source {
     /// Light of the largest count, where the facility is known; of screen images, W m^-2 nm^-1 at the pupil.
     pub(crate) full_w_m2_nm: Option<f64>,
     pub(crate) setup: Option<Setup>,
+    /// Of the photographs, where their list says it.
+    pub(crate) exposure_s: Option<f64>,
 }
 
 /// A line of `manifest.jsonl`, as far as it is needed.
@@ -140,9 +142,10 @@ impl Source {
         }
         let truth = FrameTruth::read(&truth_path(&choice.dir, frames[0]), choice.body.as_deref())?;
         check_manifest(&choice, &frames, truth.compensated, kind, &mut notes)?;
-        if kind == ImageKind::Camera {
-            check_screens(&choice, &folder, &mut notes)?;
-        }
+        let exposure_s = match kind {
+            ImageKind::Camera => check_screens(&choice, &folder, &mut notes)?,
+            ImageKind::Screen => None,
+        };
         let setup = choice.setup.as_ref().map(|path| Setup::read(path)).transpose()?;
         let (camera, calibration) = camera(&choice, kind, &truth, setup.as_ref(), &mut notes)?;
         let (light, full_w_m2_nm) = match kind {
@@ -155,7 +158,7 @@ impl Source {
             text.push_str(&read_text(path)?);
         }
         let hash = hash_bytes(text.as_bytes());
-        Ok(Self { kind, camera, frames, hash, notes, light, full_w_m2_nm, setup, choice })
+        Ok(Self { kind, camera, frames, hash, notes, light, full_w_m2_nm, setup, exposure_s, choice })
     }
 
     /// A frame's truth.
@@ -303,23 +306,28 @@ fn check_manifest(
     Ok(())
 }
 
-/// `frames.csv` beside camera images says of which screens they are.
-fn check_screens(choice: &SourceChoice, folder: &Path, notes: &mut Vec<String>) -> Result<(), InputError> {
+/// `frames.csv` beside camera images says of which screens they are, and of which exposure.
+fn check_screens(
+    choice: &SourceChoice,
+    folder: &Path,
+    notes: &mut Vec<String>,
+) -> Result<Option<f64>, InputError> {
     let Some(list) = folder.parent().map(|above| above.join("frames.csv")).filter(|list| list.is_file())
     else {
         notes.push(format!(
             "{}: no frames.csv says which screen images these are photographs of",
             folder.display()
         ));
-        return Ok(());
+        return Ok(None);
     };
     let text = read_text(&list)?;
-    let Some(shown) = text.lines().nth(1).and_then(|line| line.split(',').next()).map(PathBuf::from) else {
-        return Ok(());
-    };
-    let Ok(shown) = shown.canonicalize() else {
+    let mut lines = text.lines();
+    let exposure = lines.next().and_then(|head| head.split(',').position(|name| name == "exposure_s"));
+    let Some(row) = lines.next().map(|line| line.split(',').collect::<Vec<_>>()) else { return Ok(None) };
+    let exposure_s = exposure.and_then(|at| row.get(at)?.parse().ok());
+    let Ok(shown) = Path::new(row[0]).canonicalize() else {
         notes.push(format!("{}: the screen images that it names are gone", list.display()));
-        return Ok(());
+        return Ok(exposure_s);
     };
     let own = choice.dir.join("frames");
     let own = own.canonicalize().unwrap_or(own);
@@ -329,7 +337,7 @@ fn check_screens(choice: &SourceChoice, folder: &Path, notes: &mut Vec<String>) 
             .expected(own.display())
             .help("give the folder of truth that belongs to them"));
     }
-    Ok(())
+    Ok(exposure_s)
 }
 
 /// The camera, and the calibration that was used.
@@ -416,6 +424,12 @@ fn linear_light(
         (Some(setup), Some(path)) => screen_response(path, setup)?,
         _ => None,
     };
+    if let (None, Some(path)) = (&measured, named) {
+        notes.push(format!(
+            "{}: has no response of the screen beside it: the setup's power law is taken for its light",
+            path.display()
+        ));
+    }
     let response = measured.unwrap_or_else(|| match setup {
         Some(setup) => ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude()),
         None => {

@@ -2,13 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_files::{InputError, write_atomic};
+use retina_batch::Shard;
+use retina_files::InputError;
 use retina_navigation::far_range::{
     Choice, FarRangeError, ImagedResult, Images, Scenario, Transfer, TransferImages, report, run_imaged,
     run_poses, run_transfer, summarise,
 };
 use serde_json::Value;
 
+use super::steps::{results_name, write};
 use crate::failure::Failure;
 use crate::output::{print_json, tell};
 
@@ -52,6 +54,10 @@ pub(crate) struct Arguments {
     /// The bench's calibration, in the place of the scenario's or the setup's own.
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
+    /// Only the poses whose number is I modulo N, without the transfer; once all shards are done, the same folder
+    /// without it has the whole.
+    #[arg(long, value_name = "I/N", allow_hyphen_values = true)]
+    shard: Option<Shard>,
     /// Print a JSON document on standard output.
     #[arg(long)]
     json: bool,
@@ -87,11 +93,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let scenario = Scenario::read(&arguments.scenario, &choice)?;
     std::fs::create_dir_all(&arguments.out)
         .map_err(|error| InputError::new(&arguments.out, format!("the folder cannot be made: {error}")))?;
-    let bar = crate::progress::counter(scenario.poses.count as u64, "poses");
-    let results = run_poses(&scenario, &arguments.out, &mut |done| bar.set_position(done as u64))?;
+    let count = match arguments.shard {
+        None => scenario.poses.count,
+        Some(shard) => (scenario.poses.count + shard.count - 1 - shard.index) / shard.count,
+    };
+    let bar = crate::progress::counter(count as u64, "poses");
+    let advance = &mut |done| bar.set_position(done as u64);
+    let results = run_poses(&scenario, arguments.shard, &arguments.out, advance)?;
     bar.finish_and_clear();
     let summary = summarise(&results);
-    write(&arguments.out, "figure-12.svg", &report::figure_12(&results))?;
+    let name = |stem: &str| results_name(stem, None, arguments.shard);
+    write(&arguments.out, &format!("{}.svg", name("figure-12")), &report::figure_12(&results))?;
     tell!(
         "attitude found in {:.2} % of {} poses (the paper: {} %), wrong in {}; planet identified in {:.2} % (the paper: {} %), \
          wrong in {}; 50 and 95 % within {:.1} and {:.1} arcsec across the boresight, {:.0} and {:.0} about it",
@@ -107,7 +119,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         summary.about_percentiles_arcsec[0],
         summary.about_percentiles_arcsec[2],
     );
-    let (transfer, imaged) = match &scenario.transfer {
+    // The transfer's measurements are as good as all poses have them.
+    let whole = arguments.shard.is_none();
+    let (transfer, imaged) = match scenario.transfer.as_ref().filter(|_| whole) {
         None => (None, None),
         Some(transfer) => {
             let measured = (summary.planet_sigma_arcsec / 3600.0).to_radians();
@@ -142,7 +156,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
     };
     let document: Value = report::document(&scenario, &summary, transfer.as_ref(), imaged.as_ref());
-    write(&arguments.out, "far-range.json", &format!("{document:#}\n"))?;
+    write(&arguments.out, &format!("{}.json", name("far-range")), &format!("{document:#}\n"))?;
     if arguments.json { print_json(&document) } else { Ok(()) }
 }
 
@@ -170,10 +184,4 @@ fn imaged(scenario: &Scenario, transfer: &Transfer, out: &Path) -> Result<Option
         run.nis_bounds[1]
     );
     Ok(Some(run))
-}
-
-fn write(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
-    let path = folder.join(name);
-    write_atomic(&path, text.as_bytes())
-        .map_err(|error| InputError::new(&path, format!("cannot be written: {error}")).into())
 }

@@ -1,22 +1,20 @@
 //! `retina navigate flashes`.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use retina_batch::{FrameRange, Selection, Shard};
 use retina_files::InputError;
 use retina_navigation::experiment::Watcher as _;
 use retina_navigation::flashes::{
-    CameraLight, FlashFrame, FlashOptions, FlashScenario, figure_rates, report, run_scenario, summarise,
-    watch_sequence,
+    CameraLight, FlashOptions, FlashScenario, ZeroPoint, figure_rates, flash_notes, report, run_scenario,
+    summarise, watch_sequence,
 };
-use retina_navigation::full_disk::{ImageKind, Source, SourceChoice};
+use retina_navigation::full_disk::{ImageKind, Source};
 use retina_navigation::limb::LimbOptions;
-use serde_json::Value;
 
-use super::steps::{Steps, results_folder, results_name, write};
-use crate::command::Backend;
+use super::frames_folder::FramesFolder;
+use super::steps::{Steps, write};
 use crate::failure::Failure;
-use crate::output::{print_json, print_lines, tell};
+use crate::output::tell;
 
 /// Width of a spot that is not given, px.
 const SPOT_SIGMA_PX: f64 = 1.0;
@@ -25,32 +23,16 @@ const BIN_MAGNITUDES: f64 = 0.5;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// A folder that `retina render` wrote, or a scenario, schema retina.flashes/1: the whole experiment.
-    #[arg(value_name = "DIR|SCENARIO.toml")]
-    input: PathBuf,
-    /// Camera images of the folder's screens, as `retina simulate frames` writes them.
-    #[arg(long, value_name = "FOLDER")]
-    images: Option<PathBuf>,
-    /// The facility, schema retina.setup/1.
-    #[arg(long, value_name = "FILE")]
-    setup: Option<PathBuf>,
-    /// The facility's calibration: of camera images that hold its distortion, or the one that the screen images were
-    /// rendered with.
-    #[arg(long, value_name = "FILE")]
-    calibration: Option<PathBuf>,
-    /// The body [default: the only one].
-    #[arg(long, value_name = "NAME")]
-    body: Option<String>,
-    /// Only frames A to B, counted from 0, B excluded.
-    #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
-    frames: Option<FrameRange>,
-    /// Only the frames whose number is I modulo N.
-    #[arg(long, value_name = "I/N", allow_hyphen_values = true)]
-    shard: Option<Shard>,
+    #[command(flatten)]
+    folder: FramesFolder,
     /// Magnitude whose light is one DN of the camera's images in their exposure; without it magnitudes are not measured
     /// there.
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     zero_point_magnitude: Option<f64>,
+    /// What is added to it in the image's corners, elsewhere by the square of the distance from the middle: spots of other
+    /// widths than --spot-sigma-px lose light.
+    #[arg(long, value_name = "MAG", allow_negative_numbers = true, requires = "zero_point_magnitude")]
+    zero_point_corner_magnitude: Option<f64>,
     /// Standard deviation of a point's spot in the camera's images, px [default: 1].
     #[arg(long, value_name = "PX")]
     spot_sigma_px: Option<f64>,
@@ -69,23 +51,11 @@ pub(crate) struct Arguments {
     /// Width of the bins of the detection rates.
     #[arg(long, value_name = "MAG", default_value_t = BIN_MAGNITUDES)]
     bin_magnitudes: f64,
-    /// What renders a scenario.
-    #[arg(long, value_enum, default_value_t)]
-    backend: Backend,
-    /// Print a JSON document on standard output.
-    #[arg(long)]
-    json: bool,
-    /// Also write a page with plots.
-    #[arg(long, value_name = "FILE.html")]
-    report: Option<PathBuf>,
-    /// Folder for the results; frames that are in it are not measured again.
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    arguments.report.as_ref().map_or(Ok(()), |path| crate::check_file(path, "html"))?;
-    if arguments.input.extension().is_some_and(|extension| extension == "toml") {
+    let folder = &arguments.folder;
+    if folder.is_scenario()? {
         return scenario(arguments);
     }
     let options = FlashOptions {
@@ -97,19 +67,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     options.check(Path::new("the command line"), |key| format!("--{}", key.replace('_', "-")))?;
     let light = arguments.light()?;
-    let kind = if arguments.images.is_some() { ImageKind::Camera } else { ImageKind::Screen };
-    let source = Source::open(SourceChoice {
-        dir: arguments.input.clone(),
-        images: arguments.images.clone(),
-        kind: Some(kind),
-        setup: arguments.setup.clone(),
-        calibration: arguments.calibration.clone(),
-        body: arguments.body.clone(),
-        selection: Selection { range: arguments.frames, every: None, shard: arguments.shard },
-        limb: LimbOptions::default(),
-        pointing_sigma_rad: 0.0,
-    })?;
-    let mut notes = source.notes.clone();
+    let kind = if folder.images.is_some() { ImageKind::Camera } else { ImageKind::Screen };
+    let source = Source::open(folder.choice(Some(kind), LimbOptions::default(), 0.0))?;
+    let mut notes = flash_notes(&source)?;
     if kind == ImageKind::Camera && arguments.spot_sigma_px.is_none() {
         notes.push(format!(
             "no --spot-sigma-px: spots are taken to be {SPOT_SIGMA_PX} px wide (standard deviation)"
@@ -122,13 +82,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         );
     }
     notes.iter().for_each(|note| tell!("{note}"));
-    let list = match &arguments.out {
-        None => None,
-        Some(out) => {
-            results_folder(out, &arguments.input)?;
-            Some(out.join("frames.jsonl"))
-        }
-    };
+    let list = folder.frames_list()?;
     let mut steps = Steps::new();
     steps.step("looking for flashes");
     let all = source.frames.len();
@@ -136,97 +90,63 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         watch_sequence(&source, &light, &options, list.as_deref(), &mut |done| steps.done(done, all));
     steps.finish();
     let frames = frames?;
-    for note in nothing_to_see(&frames) {
-        tell!("{note}");
-        notes.push(note);
-    }
-    let label = arguments.input.file_name().map_or("images".into(), |name| name.to_string_lossy());
+    let label = folder.label();
     let watched = report::Watched {
-        label: label.clone().into_owned(),
+        label: label.clone(),
         light: (kind == ImageKind::Camera).then_some(light),
         summary: summarise(&frames, arguments.bin_magnitudes, options.false_alarms_per_frame),
         frames,
     };
+    for note in watched.nothing_to_see() {
+        tell!("{note}");
+        notes.push(note);
+    }
     let document = report::document(&watched, &options, &notes);
     let sequences = [watched];
-    if let Some(out) = &arguments.out {
-        let name = results_name("flashes", arguments.frames, arguments.shard);
-        write(out, &format!("{name}.json"), &format!("{document:#}\n"))?;
-        write(out, &format!("{name}.svg"), &figure_rates(&sequences))?;
-    }
-    if let Some(path) = &arguments.report {
+    let (json, rates) = (format!("{document:#}\n"), figure_rates(&sequences));
+    folder.write_results("flashes", &[("json", &json), ("svg", &rates)])?;
+    if let Some(path) = &folder.report {
         report::page(&format!("Flashes: {label}"), &sequences, &notes).write(path)?;
     }
-    print(arguments, &document, &sequences)
-}
-
-/// Rates of nothing are no rates: why there are none.
-fn nothing_to_see(frames: &[FlashFrame]) -> Vec<String> {
-    let mut out = Vec::new();
-    if frames.iter().all(|frame| frame.flashes.is_empty()) {
-        out.push("the truth holds no flash (the scene had no [flashes], or none during an exposure): candidates are all false, rates say nothing".to_owned());
-    }
-    let blind = frames.iter().filter(|frame| frame.watched_px == 0).count();
-    if blind > 0 {
-        out.push(format!(
-            "in {blind} of {} frames no pixel is left to look at: the night side is within --limb-margin-px, \
-             --terminator-margin-px and --relief of its edges, or off the field",
-            frames.len()
-        ));
-    }
-    out
+    folder.print(&document, &report::lines(&sequences))
 }
 
 fn scenario(arguments: &Arguments) -> Result<(), Failure> {
-    let options = FlashOptions::default();
-    let named = [
-        ("--images", arguments.images.is_some()),
-        ("--setup", arguments.setup.is_some()),
-        ("--calibration", arguments.calibration.is_some()),
-        ("--body", arguments.body.is_some()),
-        ("--frames", arguments.frames.is_some()),
-        ("--shard", arguments.shard.is_some()),
+    let (folder, options) = (&arguments.folder, FlashOptions::default());
+    let out = folder.scenario_out(&[
         ("--zero-point-magnitude", arguments.zero_point_magnitude.is_some()),
+        ("--zero-point-corner-magnitude", arguments.zero_point_corner_magnitude.is_some()),
         ("--spot-sigma-px", arguments.spot_sigma_px.is_some()),
         ("--false-alarms-per-frame", arguments.false_alarms_per_frame != options.false_alarms_per_frame),
         ("--limb-margin-px", arguments.limb_margin_px != options.limb_margin_px),
         ("--terminator-margin-px", arguments.terminator_margin_px != options.terminator_margin_px),
         ("--relief", arguments.relief != options.relief),
         ("--bin-magnitudes", arguments.bin_magnitudes != BIN_MAGNITUDES),
-    ];
-    if let Some((flag, _)) = named.iter().find(|(_, given)| *given) {
-        return Err(InputError::new(Path::new(flag), "belongs to a folder of frames")
-            .found(arguments.input.display())
-            .help("write it into the scenario")
-            .into());
-    }
-    let scenario = FlashScenario::read(&arguments.input)?;
-    let Some(out) = &arguments.out else {
-        return Err(Failure::new("a scenario needs --out: the folder for its frames and results"));
-    };
+    ])?;
+    let scenario = FlashScenario::read(&folder.input)?;
     let mut steps = Steps::new();
-    let result = run_scenario(&scenario, out, arguments.backend.into(), &mut steps);
+    let result = run_scenario(&scenario, out, folder.backend.into(), &mut steps);
     steps.finish();
     let sequences = result?;
+    let notes = report::scenario_notes(&sequences);
+    notes.iter().for_each(|note| tell!("{note}"));
     write(out, "flashes.svg", &figure_rates(&sequences))?;
-    let document = report::scenario_document(&sequences, &scenario.detector);
+    let document = report::scenario_document(&sequences, &scenario.detector, &notes);
     write(out, "flashes.json", &format!("{document:#}\n"))?;
-    let page = arguments.report.clone().unwrap_or_else(|| out.join("flashes.html"));
-    report::page("Flashes of impacts", &sequences, &[]).write(&page)?;
-    print(arguments, &document, &sequences)
-}
-
-fn print(arguments: &Arguments, document: &Value, sequences: &[report::Watched]) -> Result<(), Failure> {
-    if arguments.json { print_json(document) } else { print_lines(&report::lines(sequences)) }
+    let page = folder.report.clone().unwrap_or_else(|| out.join("flashes.html"));
+    report::page("Flashes of impacts", &sequences, &notes).write(&page)?;
+    folder.print(&document, &report::lines(&sequences))
 }
 
 impl Arguments {
     fn light(&self) -> Result<CameraLight, InputError> {
         let spot_sigma_px = self.spot_sigma_px.unwrap_or(SPOT_SIGMA_PX);
         let zero_point = self.zero_point_magnitude.unwrap_or(0.0);
+        let corner = self.zero_point_corner_magnitude.unwrap_or(0.0);
         for (flag, value, fits, expected) in [
             ("--spot-sigma-px", spot_sigma_px, (0.3..=10.0).contains(&spot_sigma_px), "0.3 to 10"),
             ("--zero-point-magnitude", zero_point, zero_point.is_finite(), "a finite number"),
+            ("--zero-point-corner-magnitude", corner, corner.is_finite(), "a finite number"),
             (
                 "--bin-magnitudes",
                 self.bin_magnitudes,
@@ -240,6 +160,8 @@ impl Arguments {
                     .expected(expected));
             }
         }
-        Ok(CameraLight { zero_point_magnitude: self.zero_point_magnitude, spot_sigma_px })
+        let zero_point =
+            self.zero_point_magnitude.map(|magnitude| ZeroPoint { magnitude, corner_magnitude: corner });
+        Ok(CameraLight { zero_point, spot_sigma_px })
     }
 }

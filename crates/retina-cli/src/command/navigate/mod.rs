@@ -2,6 +2,7 @@
 
 mod far_range;
 mod flashes;
+mod frames_folder;
 mod full_disk;
 mod stars;
 mod steps;

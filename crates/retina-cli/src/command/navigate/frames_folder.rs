@@ -1,0 +1,127 @@
+//! What `navigate full-disk` and `navigate flashes` take alike: a folder of rendered frames, or a scenario.
+
+use std::path::{Path, PathBuf};
+
+use retina_batch::{FrameRange, Selection, Shard};
+use retina_files::InputError;
+use retina_navigation::full_disk::{ImageKind, SourceChoice};
+use retina_navigation::limb::LimbOptions;
+use retina_navigation::lines::list_name;
+use serde_json::Value;
+
+use super::steps::{results_folder, results_name, write};
+use crate::command::Backend;
+use crate::failure::Failure;
+use crate::output::{print_json, print_lines};
+
+#[derive(clap::Args)]
+pub(crate) struct FramesFolder {
+    /// A folder that `retina render` wrote, or a scenario's TOML file: the whole experiment.
+    #[arg(value_name = "DIR|SCENARIO.toml")]
+    pub(crate) input: PathBuf,
+    /// Camera images of the folder's screens, as `retina simulate frames` writes them.
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) images: Option<PathBuf>,
+    /// The facility, schema retina.setup/1.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) setup: Option<PathBuf>,
+    /// The facility's calibration: of camera images that hold its distortion, or the one that the screen images were
+    /// rendered with.
+    #[arg(long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
+    /// The body [default: the only one].
+    #[arg(long, value_name = "NAME")]
+    body: Option<String>,
+    /// Only frames A to B, counted from 0, B excluded.
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
+    frames: Option<FrameRange>,
+    /// Only the frames whose number is I modulo N.
+    #[arg(long, value_name = "I/N", allow_hyphen_values = true)]
+    shard: Option<Shard>,
+    /// What renders a scenario.
+    #[arg(long, value_enum, default_value_t)]
+    pub(crate) backend: Backend,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+    /// Also write a page with plots.
+    #[arg(long, value_name = "FILE.html")]
+    pub(crate) report: Option<PathBuf>,
+    /// Folder for the results; frames that are in it are not measured again.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+}
+
+impl FramesFolder {
+    /// Whether a scenario is given and no folder; the page's name is checked on the way.
+    pub(crate) fn is_scenario(&self) -> Result<bool, Failure> {
+        self.report.as_ref().map_or(Ok(()), |path| crate::check_file(path, "html"))?;
+        Ok(self.input.extension().is_some_and(|extension| extension == "toml"))
+    }
+
+    /// The folder for a scenario's frames and results. Of a folder's flags, these and the command's `own`, none may be
+    /// given with a scenario.
+    pub(crate) fn scenario_out(&self, own: &[(&str, bool)]) -> Result<&Path, Failure> {
+        let named = [
+            ("--images", self.images.is_some()),
+            ("--setup", self.setup.is_some()),
+            ("--calibration", self.calibration.is_some()),
+            ("--body", self.body.is_some()),
+            ("--frames", self.frames.is_some()),
+            ("--shard", self.shard.is_some()),
+        ];
+        if let Some((flag, _)) = named.iter().chain(own).find(|(_, given)| *given) {
+            return Err(InputError::new(Path::new(flag), "belongs to a folder of frames")
+                .found(self.input.display())
+                .help("write it into the scenario")
+                .into());
+        }
+        self.out
+            .as_deref()
+            .ok_or_else(|| Failure::new("a scenario needs --out: the folder for its frames and results"))
+    }
+
+    /// The frames that are meant.
+    pub(crate) fn choice(
+        &self,
+        kind: Option<ImageKind>,
+        limb: LimbOptions,
+        pointing_sigma_rad: f64,
+    ) -> SourceChoice {
+        SourceChoice {
+            dir: self.input.clone(),
+            images: self.images.clone(),
+            kind,
+            setup: self.setup.clone(),
+            calibration: self.calibration.clone(),
+            body: self.body.clone(),
+            selection: Selection { range: self.frames, every: None, shard: self.shard },
+            limb,
+            pointing_sigma_rad,
+        }
+    }
+
+    /// Where measured frames are kept; the folder is made.
+    pub(crate) fn frames_list(&self) -> Result<Option<PathBuf>, InputError> {
+        let Some(out) = &self.out else { return Ok(None) };
+        results_folder(out, &self.input)?;
+        Ok(Some(out.join(list_name("frames", self.shard))))
+    }
+
+    /// What the results are called.
+    pub(crate) fn label(&self) -> String {
+        self.input.file_name().map_or("images".into(), |name| name.to_string_lossy()).into_owned()
+    }
+
+    /// Writes a folder's results, where they have a place; a part does not take the whole's.
+    pub(crate) fn write_results(&self, stem: &str, files: &[(&str, &str)]) -> Result<(), Failure> {
+        let Some(out) = &self.out else { return Ok(()) };
+        let name = results_name(stem, self.frames, self.shard);
+        files.iter().try_for_each(|(extension, text)| write(out, &format!("{name}.{extension}"), text))
+    }
+
+    /// Prints the document, or lines for people.
+    pub(crate) fn print(&self, document: &Value, lines: &[String]) -> Result<(), Failure> {
+        if self.json { print_json(document) } else { print_lines(lines) }
+    }
+}
