@@ -10,6 +10,7 @@ use retina_navigation::full_disk::{
     run_scenario,
 };
 use retina_navigation::limb::LimbOptions;
+use retina_sky::ephemeris::Ephemeris;
 use serde_json::Value;
 
 use super::steps::{Steps, results_folder, results_name, write};
@@ -62,6 +63,10 @@ pub(crate) struct Arguments {
     /// the screen's].
     #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
     pointing_sigma_arcsec: Option<f64>,
+    /// SPK kernel that says where the filter takes Sun, Earth and Moon to be; may be repeated, of those that have a body
+    /// the last counts [default: analytical theories].
+    #[arg(long, value_name = "FILE.bsp")]
+    ephemeris: Vec<PathBuf>,
     /// What renders a scenario.
     #[arg(long, value_enum, default_value_t)]
     backend: Backend,
@@ -89,6 +94,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.input.extension().is_some_and(|extension| extension == "toml") {
         return scenario(arguments);
     }
+    let ephemeris = Ephemeris::read(&arguments.ephemeris)?;
     let source = Source::open(arguments.choice()?)?;
     let list = match &arguments.out {
         None => None,
@@ -103,7 +109,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut steps = Steps::new();
     let label = arguments.input.file_name().map_or("images".into(), |name| name.to_string_lossy());
     steps.step("navigating");
-    let sequence = navigate(&source, &label, list.as_deref(), Some(&FilterOptions::default()), &mut steps)?;
+    let options = FilterOptions::default();
+    let sequence = navigate(&source, &label, list.as_deref(), Some(&options), &ephemeris, &mut steps)?;
     steps.finish();
     let document = report::document(&source, &sequence);
     if let Some(out) = &arguments.out {
@@ -128,13 +135,14 @@ fn scenario(arguments: &Arguments) -> Result<(), Failure> {
         ("--frames", arguments.frames.is_some()),
         ("--shard", arguments.shard.is_some()),
         ("--pointing-sigma-arcsec", arguments.pointing_sigma_arcsec.is_some()),
+        ("--ephemeris", !arguments.ephemeris.is_empty()),
         ("--limb-height-m", arguments.limb_height_m != 0.0),
         ("--limb-height-sigma-m", arguments.limb_height_sigma_m != 0.0),
     ];
     if let Some((flag, _)) = named.iter().find(|(_, given)| *given) {
         return Err(InputError::new(Path::new(flag), "belongs to a folder of frames")
             .found(arguments.input.display())
-            .help("write it into the scenario")
+            .help("write it into the scenario or its scene")
             .into());
     }
     let scenario = FullDiskScenario::read(&arguments.input)?;
