@@ -8,6 +8,7 @@ use std::process::{Command, Output};
 use glam::{DQuat, DVec3};
 use retina_navigation::far_range::sky::sources;
 use retina_navigation::stars::StarCamera;
+use retina_sky::ephemeris::Ephemeris;
 use retina_sky::observer::Observer;
 use serde_json::Value;
 
@@ -34,7 +35,8 @@ fn write_image(path: &Path, stars: bool) {
         let east = DVec3::new(-ra.sin(), ra.cos(), 0.0);
         let north = axis.cross(east);
         let rows = glam::DMat3::from_cols(-east, -north, axis).transpose();
-        let observer = Observer::new(20.0 * 365.25 * 86_400.0, DVec3::ZERO, None).unwrap();
+        let observer =
+            Observer::new(&Ephemeris::analytic(), 20.0 * 365.25 * 86_400.0, DVec3::ZERO, None).unwrap();
         for source in sources(&observer, DQuat::from_mat3(&rows), &camera, 7.0).unwrap() {
             let at = camera.pixel(source.line_of_sight);
             let light = 20_000.0 * 10f64.powf(0.4 * (3.0 - source.magnitude));

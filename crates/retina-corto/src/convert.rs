@@ -9,6 +9,7 @@ use retina_render::Quality;
 use retina_response::screen_response;
 use retina_scene::{Compensation, Display, Output, RadianceScale, Scene, SceneInput, SceneParts};
 use retina_sky::Trajectory;
+use retina_sky::ephemeris::Ephemeris;
 
 use crate::scenario::{Scenario, load_bodies};
 
@@ -72,6 +73,7 @@ impl Scenario {
             image,
             display,
             trajectory: Trajectory::new(&self.geometry_file, frames),
+            ephemeris: Ephemeris::analytic(),
             radiance_scale,
             compensation,
             inverse: calibration.as_ref().and_then(|calibration| calibration.inverse.clone()),

@@ -17,6 +17,7 @@ use retina_render::{BodyState, CpuRenderer, CpuSampling, FrameState, Planes, Qua
 use retina_report::Section;
 use retina_scene::Scene;
 use retina_sky::Trajectory;
+use retina_sky::ephemeris::Ephemeris;
 use retina_sky::planets::Planet;
 use retina_sky::site::Site;
 use retina_sky::time::parse_epoch;
@@ -66,7 +67,9 @@ impl Moon {
             longitude_rad: 8.38f64.to_radians(),
             altitude_m: 455.0,
         };
-        let pose = site.looking_at(Planet::Moon, parse_epoch("2023-12-22T19:21:25 UTC").unwrap()).unwrap();
+        let pose = site
+            .looking_at(&Ephemeris::analytic(), Planet::Moon, parse_epoch("2023-12-22T19:21:25 UTC").unwrap())
+            .unwrap();
         std::fs::write(path("site.csv"), Trajectory::new(Path::new("site"), vec![pose]).to_csv()).unwrap();
         std::fs::write(path("setup.toml"), SETUP).unwrap();
         let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/bodies/moon.glb");

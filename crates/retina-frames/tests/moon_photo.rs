@@ -9,6 +9,7 @@ use retina_diagnosis::DiagnoseOptions;
 use retina_frames::{FrameSet, FramesSource, diagnose_frames};
 use retina_geometry::Setup;
 use retina_sky::Trajectory;
+use retina_sky::ephemeris::Ephemeris;
 use retina_sky::planets::Planet;
 use retina_sky::site::Site;
 use retina_sky::time::parse_epoch;
@@ -54,7 +55,9 @@ fn the_moon_is_explained_step_by_step() {
         longitude_rad: 8.381_019f64.to_radians(),
         altitude_m: 455.0,
     };
-    let pose = site.looking_at(Planet::Moon, parse_epoch("2023-12-22T19:21:25 UTC").unwrap()).unwrap();
+    let pose = site
+        .looking_at(&Ephemeris::analytic(), Planet::Moon, parse_epoch("2023-12-22T19:21:25 UTC").unwrap())
+        .unwrap();
     std::fs::write(path("site.csv"), Trajectory::new(Path::new("site"), vec![pose]).to_csv()).unwrap();
     std::fs::write(path("setup.toml"), SETUP).unwrap();
     let model = absolute(&root.join("assets/bodies/moon.glb"));

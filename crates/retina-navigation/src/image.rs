@@ -14,7 +14,7 @@ use crate::stars::{Refusal, StarCamera, StarPoint, StarSolution, StarSolver};
 const POOR_FIT_PX: f64 = 0.35;
 
 /// What is known of an image before it is solved.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct ImageContext {
     /// Epoch, place and velocity: places of stars to the epoch, parallax and aberration.
     pub observer: Option<Observer>,

@@ -8,7 +8,7 @@ use retina_sky::planets::{Planet, SeenPlanet, planets_in_cone};
 use crate::stars::{StarPoint, StarSolution};
 
 /// Where the camera is, as far as it is known beforehand.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct PriorPosition {
     /// Epoch, position and velocity that are assumed.
     pub observer: Observer,

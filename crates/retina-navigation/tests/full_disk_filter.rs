@@ -11,7 +11,7 @@ use retina_navigation::far_range::chi2_mean_bounds;
 use retina_navigation::full_disk::{
     FilterOptions, FilterResult, FrameResult, FrameTruth, MoonMotion, Position, run_filter,
 };
-use retina_sky::ephemeris::SolarSystem;
+use retina_sky::ephemeris::Ephemeris;
 
 const START_S: f64 = 8.7e8;
 const STEP_S: f64 = 7200.0;
@@ -30,7 +30,9 @@ fn run(seed: u64, told_shared: bool) -> FilterResult {
         seed,
         ..FilterOptions::default()
     };
-    let motion = MoonMotion::new([START_S, START_S + FRAMES as f64 * STEP_S], 1e-9, 3.6e5).unwrap();
+    let motion =
+        MoonMotion::new(&Ephemeris::analytic(), [START_S, START_S + FRAMES as f64 * STEP_S], 1e-9, 3.6e5)
+            .unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(1000 + seed);
     let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
     let mut state = [4e7, -3e7, -4e7, 60.0, 90.0, 40.0];
@@ -89,7 +91,7 @@ fn run(seed: u64, told_shared: bool) -> FilterResult {
         let fresh = DVec3::new(normal(), normal(), normal());
         shared = shared * decay + fresh * (1.0 - decay * decay).sqrt();
     }
-    run_filter(&frames, &truths, &options).unwrap()
+    run_filter(&frames, &truths, &options, &Ephemeris::analytic()).unwrap()
 }
 
 fn last_nees(told_shared: bool) -> f64 {
@@ -116,12 +118,12 @@ fn shared_errors_taken_for_new_ones_make_the_covariance_too_small() {
 
 #[test]
 fn frames_out_of_order_are_refused() {
-    let error = run_filter(&[], &[], &FilterOptions::default()).unwrap_err();
+    let error = run_filter(&[], &[], &FilterOptions::default(), &Ephemeris::analytic()).unwrap_err();
     assert!(error.to_string().contains("follow each other"), "{error}");
 }
 
 fn motion() -> MoonMotion {
-    MoonMotion::new([START_S, START_S + 20.0 * 86_400.0], 0.0, 86_400.0).unwrap()
+    MoonMotion::new(&Ephemeris::analytic(), [START_S, START_S + 20.0 * 86_400.0], 0.0, 86_400.0).unwrap()
 }
 
 /// A quarter of a circular orbit takes a quarter of Kepler's period.
@@ -144,7 +146,7 @@ fn close_to_the_moon_the_orbit_is_keplers() {
 fn the_tide_of_earth_and_sun_is_the_theories() {
     let motion = motion();
     let earth = |t: f64| {
-        let bodies = SolarSystem::at(t).unwrap();
+        let bodies = Ephemeris::analytic().solar_system(t).unwrap();
         bodies.earth.position_m - bodies.moon.position_m
     };
     let (t, h) = (START_S + 5.0 * 86_400.0, 3600.0);

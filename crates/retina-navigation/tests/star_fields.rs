@@ -11,7 +11,7 @@ use retina_geometry::Pinhole;
 use retina_navigation::far_range::points::{PointNoise, measured};
 use retina_navigation::far_range::sky::{Source, sources};
 use retina_navigation::stars::{Refusal, SolverOptions, StarCamera, StarPoint, StarSolution, StarSolver};
-use retina_sky::ephemeris::ASTRONOMICAL_UNIT_M;
+use retina_sky::ephemeris::{ASTRONOMICAL_UNIT_M, Ephemeris};
 use retina_sky::observer::Observer;
 
 const ARCSEC: f64 = std::f64::consts::PI / 648_000.0;
@@ -42,6 +42,7 @@ fn attitude(random: &mut ChaCha8Rng) -> DQuat {
 /// 2027, at 1 au, at the Earth's speed.
 fn observer() -> Observer {
     Observer::new(
+        &Ephemeris::analytic(),
         27.0 * 365.25 * 86_400.0,
         DVec3::X * ASTRONOMICAL_UNIT_M,
         Some(DVec3::new(0.0, 27_000.0, 12_000.0)),

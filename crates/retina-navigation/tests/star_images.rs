@@ -12,7 +12,7 @@ use retina_navigation::far_range::sky::sources;
 use retina_navigation::image::{ImageContext, ImageResult, solve_image};
 use retina_navigation::planets::PriorPosition;
 use retina_navigation::stars::{SolverOptions, StarCamera, StarSolver};
-use retina_sky::ephemeris::SolarSystem;
+use retina_sky::ephemeris::Ephemeris;
 use retina_sky::observer::Observer;
 use retina_sky::planets::{Planet, seen_planet};
 
@@ -26,8 +26,9 @@ fn camera() -> StarCamera {
 
 /// At the Earth's place, without the Earth.
 fn observer() -> Observer {
-    let earth = SolarSystem::at(TDB_S).unwrap().earth;
-    Observer::new(TDB_S, earth.position_m + DVec3::Z * 1e9, Some(earth.velocity_m_s)).unwrap()
+    let earth = Ephemeris::analytic().solar_system(TDB_S).unwrap().earth;
+    Observer::new(&Ephemeris::analytic(), TDB_S, earth.position_m + DVec3::Z * 1e9, Some(earth.velocity_m_s))
+        .unwrap()
 }
 
 /// Boresight at a right ascension and declination, turned about it.
@@ -189,7 +190,7 @@ fn a_planet_is_not_found_where_the_prior_position_says_it_is_not() {
         DVec3::Z,
     );
     let find = |prior: PriorPosition, random: &mut ChaCha8Rng| {
-        let context = ImageContext { observer: Some(prior.observer), prior: Some(prior) };
+        let context = ImageContext { observer: Some(prior.observer.clone()), prior: Some(prior) };
         solve(sky(truth, random, DVec2::ZERO), &solver, &context).planets
     };
     let right = find(PriorPosition { observer: observer(), sigma_m: 1e8 / 3.0 }, &mut random);
@@ -202,9 +203,10 @@ fn a_planet_is_not_found_where_the_prior_position_says_it_is_not() {
     assert!((2.4..15.0).contains(&sigma_arcsec), "{sigma_arcsec}");
     // Ten million kilometres off, which is 25 arcmin at Saturn, and sure of 10^5.
     let elsewhere = Observer::new(
+        &Ephemeris::analytic(),
         TDB_S,
         observer().position_m() + saturn.direction.any_orthonormal_vector() * 1e10,
-        Some(SolarSystem::at(TDB_S).unwrap().earth.velocity_m_s),
+        Some(Ephemeris::analytic().solar_system(TDB_S).unwrap().earth.velocity_m_s),
     )
     .unwrap();
     let wrong = find(PriorPosition { observer: elsewhere, sigma_m: 1e8 / 3.0 }, &mut random);

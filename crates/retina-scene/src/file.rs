@@ -28,6 +28,8 @@ pub(crate) struct SceneFile {
     pub(crate) compensation: CompensationTable,
     #[serde(default)]
     pub(crate) body: Vec<BodyTable>,
+    #[serde(default)]
+    pub(crate) ephemeris: EphemerisTable,
     pub(crate) stars: Option<StarsTable>,
     pub(crate) flashes: Option<FlashesTable>,
     #[serde(default)]
@@ -71,6 +73,14 @@ pub(crate) struct GeneratedTable {
 pub(crate) enum GeneratorKind {
     LumioHalo,
     DeepSpace,
+}
+
+/// `[ephemeris]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct EphemerisTable {
+    /// SPK files, relative to the scene; the analytical theories without any.
+    pub(crate) kernels: Vec<PathBuf>,
 }
 
 /// `[stars]`.

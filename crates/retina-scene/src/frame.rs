@@ -5,7 +5,7 @@ use retina_files::InputError;
 use retina_geometry::{Distortion, Pinhole};
 use retina_render::{BodyState, FrameState};
 use retina_sky::BodyPose;
-use retina_sky::ephemeris::{EphemerisError, LIGHT_SPEED_M_S, SolarSystem, sun_from_body_m};
+use retina_sky::ephemeris::{EphemerisError, LIGHT_SPEED_M_S};
 use retina_sky::observer::Observer;
 use retina_sky::orientation::body_from_inertial;
 use retina_sky::planets::{Planet, seen_planet};
@@ -91,8 +91,9 @@ impl Scene {
                 .help("with a table [stars] the origin is the Solar System's barycentre, so a body has its place and axes from columns, or is one whose ephemeris is known")
         };
         let wrong = |error: &dyn std::fmt::Display| self.trajectory.error_at(index, error.to_string());
-        let observer = Observer::new(pose.time_s, pose.camera_position_m, pose.camera_velocity_m_s)
-            .map_err(|error| wrong(&error))?;
+        let observer =
+            Observer::new(&self.ephemeris, pose.time_s, pose.camera_position_m, pose.camera_velocity_m_s)
+                .map_err(|error| wrong(&error))?;
         let mut light_time_s = 0.0;
         let position_m = if given.position {
             at.position_m
@@ -129,17 +130,17 @@ impl Scene {
         if let Some(sun_m) = pose.sun_position_m {
             return Ok(sun_m);
         }
-        let ephemeris = |error: EphemerisError| {
+        let no_sun = |error: EphemerisError| {
             self.trajectory
                 .error_at(index, error.to_string())
                 .help("give the Sun in columns sun_x_m, sun_y_m, sun_z_m")
         };
         if self.stars.is_some() {
             let lit_m = places.first().map_or(pose.camera_position_m, |place| place.position_m);
-            return Ok(lit_m + SolarSystem::at(pose.time_s).map_err(ephemeris)?.sun_from_m(lit_m));
+            return Ok(lit_m + self.ephemeris.solar_system(pose.time_s).map_err(no_sun)?.sun_from_m(lit_m));
         }
         for (body, _) in self.bodies.iter().zip(places).filter(|(_, at)| at.position_m == DVec3::ZERO) {
-            if let Some(sun_m) = sun_from_body_m(&body.name, pose.time_s).map_err(ephemeris)? {
+            if let Some(sun_m) = self.ephemeris.sun_from_body_m(&body.name, pose.time_s).map_err(no_sun)? {
                 return Ok(sun_m);
             }
         }

@@ -1,6 +1,6 @@
 //! `SCENE.toml` and everything it names, read and resolved.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -12,6 +12,7 @@ use retina_render::Quality;
 use retina_response::screen_response;
 use retina_screen::Quantisation;
 use retina_sky::catalogue::StarCatalogue;
+use retina_sky::ephemeris::Ephemeris;
 
 use crate::file::{BodyTable, Compensation, QualityName, QuantisationName, ScaleKey, SceneFile, StarsTable};
 use crate::read_flashes::read_flashes;
@@ -45,8 +46,14 @@ impl Scene {
         };
         check_names(path, &file.body)?;
         let names: Vec<String> = file.body.iter().map(|body| body.name.clone()).collect();
-        let (trajectory, hash) = sequence::trajectory(path, &file, &names, &setup)?;
+        let kernels: Vec<PathBuf> = file.ephemeris.kernels.iter().map(|own| folder.join(own)).collect();
+        let ephemeris =
+            Ephemeris::read(&kernels).map_err(|error| error.named_by(path, "ephemeris.kernels"))?;
+        let (trajectory, hash) = sequence::trajectory(path, &file, &names, &setup, &ephemeris)?;
         input("trajectory".into(), hash);
+        for (at, kernel) in ephemeris.kernel_files().iter().enumerate() {
+            input(format!("ephemeris {}: {}", at + 1, kernel.name()), kernel.hash.clone());
+        }
 
         let mut bodies = Vec::new();
         for table in &file.body {
@@ -68,6 +75,7 @@ impl Scene {
             image: setup.facility_pinhole(),
             display: Display::Facility(setup),
             trajectory,
+            ephemeris,
             radiance_scale: match file.radiance_scale {
                 ScaleKey::Auto => RadianceScale::Auto,
                 ScaleKey::Value(value) => RadianceScale::Value(value),

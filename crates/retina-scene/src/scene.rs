@@ -10,6 +10,7 @@ use retina_radiometry::{Photometry, ScreenResponse};
 use retina_render::{BodyModel, Quality};
 use retina_screen::{PlainDisplay, Quantisation};
 use retina_sky::Trajectory;
+use retina_sky::ephemeris::Ephemeris;
 
 use crate::checks;
 use crate::file::{Compensation, Layer};
@@ -30,6 +31,8 @@ pub struct Scene {
     pub display: Display,
     /// The frames.
     pub trajectory: Trajectory,
+    /// Where Sun, Moon and planets are, wherever the trajectory does not say it.
+    pub ephemeris: Ephemeris,
     /// Displayed over true radiance.
     pub radiance_scale: RadianceScale,
     /// How the facility's distortion is undone beforehand.
@@ -81,6 +84,7 @@ pub struct SceneParts {
     pub image: Pinhole,
     pub display: Display,
     pub trajectory: Trajectory,
+    pub ephemeris: Ephemeris,
     pub radiance_scale: RadianceScale,
     pub compensation: Compensation,
     pub distortion: Option<Distortion>,
@@ -157,7 +161,8 @@ impl SceneBody {
 /// A file that the frames depend on.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SceneInput {
-    /// What it is to the scene: `scene`, `setup`, `trajectory`, `calibration`, `body moon`.
+    /// What it is to the scene: `scene`, `setup`, `trajectory`, `calibration`, `body moon`,
+    /// `ephemeris 1: de421.bsp`.
     pub role: String,
     /// BLAKE3 of its content.
     pub hash: String,
@@ -187,6 +192,7 @@ impl Scene {
             image: parts.image,
             display: parts.display,
             trajectory,
+            ephemeris: parts.ephemeris,
             radiance_scale: parts.radiance_scale,
             compensation: parts.compensation,
             distortion: parts.distortion,

@@ -6,7 +6,7 @@ use retina_files::{InputError, hash_bytes, read_text};
 use retina_geometry::Setup;
 use retina_sky::Trajectory;
 use retina_sky::deep_space::DeepSpace;
-use retina_sky::ephemeris::SolarSystem;
+use retina_sky::ephemeris::Ephemeris;
 use retina_sky::halo::LumioHalo;
 use retina_sky::planets::Planet;
 use retina_sky::time::parse_epoch;
@@ -19,6 +19,7 @@ pub(crate) fn trajectory(
     file: &SceneFile,
     bodies: &[String],
     setup: &Setup,
+    ephemeris: &Ephemeris,
 ) -> Result<(Trajectory, String), InputError> {
     match &file.trajectory {
         TrajectoryKey::Path(path) => {
@@ -36,10 +37,10 @@ pub(crate) fn trajectory(
             }
             let mut trajectory = match table.kind {
                 GeneratorKind::LumioHalo => {
-                    let halo = lumio_halo(scene, table, bodies)?;
-                    if file.stars.is_some() { barycentric(scene, halo)? } else { halo }
+                    let halo = lumio_halo(scene, table, bodies, ephemeris)?;
+                    if file.stars.is_some() { barycentric(scene, halo, ephemeris)? } else { halo }
                 }
-                GeneratorKind::DeepSpace => deep_space(scene, file, table, setup)?,
+                GeneratorKind::DeepSpace => deep_space(scene, file, table, setup, ephemeris)?,
             };
             trajectory.source = scene.to_path_buf();
             let hash = hash_bytes(trajectory.to_csv().as_bytes());
@@ -87,9 +88,14 @@ fn epoch_s(scene: &Path, key: &str, text: &str) -> Result<f64, InputError> {
 }
 
 /// A Moon-centred trajectory moved to the Solar System's barycentre, where stars need it.
-fn barycentric(scene: &Path, mut trajectory: Trajectory) -> Result<Trajectory, InputError> {
+fn barycentric(
+    scene: &Path,
+    mut trajectory: Trajectory,
+    ephemeris: &Ephemeris,
+) -> Result<Trajectory, InputError> {
     for pose in &mut trajectory.frames {
-        let moon = SolarSystem::at(pose.time_s)
+        let moon = ephemeris
+            .solar_system(pose.time_s)
             .map_err(|error| InputError::new(scene, error.to_string()).at("key `trajectory.epoch`"))?
             .moon;
         pose.camera_position_m += moon.position_m;
@@ -103,7 +109,12 @@ fn barycentric(scene: &Path, mut trajectory: Trajectory) -> Result<Trajectory, I
     Ok(trajectory)
 }
 
-fn lumio_halo(scene: &Path, table: &GeneratedTable, bodies: &[String]) -> Result<Trajectory, InputError> {
+fn lumio_halo(
+    scene: &Path,
+    table: &GeneratedTable,
+    bodies: &[String],
+    ephemeris: &Ephemeris,
+) -> Result<Trajectory, InputError> {
     if let Some(body) = bodies.iter().find(|name| *name != "moon") {
         return Err(InputError::new(
             scene,
@@ -141,7 +152,7 @@ fn lumio_halo(scene: &Path, table: &GeneratedTable, bodies: &[String]) -> Result
         }
     };
     let halo = LumioHalo { jacobi: table.jacobi.unwrap_or(halo.jacobi), ..halo };
-    let made = halo.generate();
+    let made = halo.generate(ephemeris);
     Ok(made.map_err(|error| InputError::new(scene, error.to_string()).at("key `trajectory`"))?.0)
 }
 
@@ -181,6 +192,7 @@ fn deep_space(
     file: &SceneFile,
     table: &GeneratedTable,
     setup: &Setup,
+    ephemeris: &Ephemeris,
 ) -> Result<Trajectory, InputError> {
     if file.stars.is_none() {
         return Err(InputError::new(scene, "deep-space poses show stars and planets, and there are none")
@@ -194,7 +206,7 @@ fn deep_space(
     for (limit, key, text) in [(0, "from", &table.from), (1, "until", &table.until)] {
         if let Some(text) = text {
             wanted.epochs_tdb_s[limit] = epoch_s(scene, key, text)?;
-            SolarSystem::at(wanted.epochs_tdb_s[limit]).map_err(|error| {
+            ephemeris.solar_system(wanted.epochs_tdb_s[limit]).map_err(|error| {
                 InputError::new(scene, error.to_string())
                     .at(format!("key `trajectory.{key}`"))
                     .found(format!("`{text}`"))
@@ -226,6 +238,6 @@ fn deep_space(
     wanted.field_rad =
         [f64::from(camera.width_px) / camera.fx_px, f64::from(camera.height_px) / camera.fy_px]
             .map(|tan| 2.0 * (0.5 * tan).atan());
-    let made = wanted.generate();
+    let made = wanted.generate(ephemeris);
     Ok(made.map_err(|error| InputError::new(scene, error.to_string()).at("key `trajectory`"))?.0)
 }

@@ -134,7 +134,7 @@ impl Scene {
     /// # Errors
     /// The epoch is outside the ephemerides, or the camera's state is not finite.
     pub(crate) fn observer(&self, frame: &SceneFrame) -> Result<Observer, InputError> {
-        Observer::new(frame.time_s, frame.camera_position_m, frame.camera_velocity_m_s)
+        Observer::new(&self.ephemeris, frame.time_s, frame.camera_position_m, frame.camera_velocity_m_s)
             .map_err(|error| self.sky_error(frame, &error))
     }
 

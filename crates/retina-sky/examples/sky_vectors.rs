@@ -10,8 +10,9 @@ use std::time::Instant;
 
 use glam::DVec3;
 use retina_sky::catalogue::StarCatalogue;
+use retina_sky::ephemeris::Ephemeris;
 use retina_sky::observer::Observer;
-use retina_sky::planets::{position_m, seen_planets};
+use retina_sky::planets::seen_planets;
 use serde_json::{Value, json};
 
 fn vector(value: &Value) -> Option<DVec3> {
@@ -23,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut text = String::new();
     std::io::stdin().read_to_string(&mut text)?;
     let asked: Value = serde_json::from_str(&text)?;
-    let catalogue = StarCatalogue::embedded();
+    let (ephemeris, catalogue) = (Ephemeris::analytic(), StarCatalogue::embedded());
     let numbers = asked["hipparcos"].as_array().ok_or("`hipparcos` is no list")?;
     let stars: Vec<_> = numbers
         .iter()
@@ -34,7 +35,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for place in asked["observers"].as_array().ok_or("`observers` is no list")? {
         let tdb_s = place["tdb_s"].as_f64().ok_or("an observer without `tdb_s`")?;
         let position = vector(&place["position_m"]).ok_or("an observer without `position_m`")?;
-        let observer = Observer::new(tdb_s, position, vector(&place["velocity_m_s"]))?;
+        let observer = Observer::new(&ephemeris, tdb_s, position, vector(&place["velocity_m_s"]))?;
         let directions: Vec<_> = stars
             .iter()
             .map(|star| observer.apparent_star(star.direction_from(position, tdb_s)).to_array())
@@ -43,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         for seen in seen_planets(&observer)? {
             let entry = json!({
                 "direction": seen.direction.to_array(),
-                "position_m": position_m(seen.planet, tdb_s)?.to_array(),
+                "position_m": ephemeris.position_m(seen.planet, tdb_s)?.to_array(),
                 "distance_m": seen.distance_m,
                 "sun_distance_m": seen.sun_distance_m,
                 "phase_deg": seen.phase_angle_rad.to_degrees(),
@@ -59,7 +60,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         .map(|limit| catalogue.stars().iter().filter(|star| star.v_magnitude <= limit).count())
         .into();
     // The wide field's half diagonal, 10 deg; the mean over many axes.
-    let observer = Observer::new(0.0, DVec3::X * 1.5e11, Some(DVec3::Y * 3e4))?;
+    let observer = Observer::new(&ephemeris, 0.0, DVec3::X * 1.5e11, Some(DVec3::Y * 3e4))?;
     let axes: Vec<_> = catalogue.stars().iter().step_by(57).map(|star| star.direction).collect();
     let started = Instant::now();
     let found: usize = axes.iter().map(|axis| catalogue.in_cone(&observer, *axis, 0.1745, 8.25).len()).sum();

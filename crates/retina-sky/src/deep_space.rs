@@ -24,7 +24,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
 use thiserror::Error;
 
-use crate::ephemeris::{ASTRONOMICAL_UNIT_M, EphemerisError, SolarSystem};
+use crate::ephemeris::{ASTRONOMICAL_UNIT_M, Ephemeris, EphemerisError};
 use crate::observer::{Observer, ObserverError, separation_rad};
 use crate::planets::{Planet, from_ecliptic, seen_planet};
 use crate::trajectory::{FramePose, Trajectory};
@@ -124,12 +124,14 @@ impl DeepSpace {
     /// The frames (barycentric, ICRF axes, no body columns), and each frame's planet.
     ///
     /// # Errors
-    /// No frames or planets, parameters outside their ranges, epochs outside 1900-2100, an
+    /// No frames or planets, parameters outside their ranges, epochs outside the ephemeris, an
     /// exclusion angle that leaves no planet.
-    pub fn generate(&self) -> Result<(Trajectory, Vec<Planet>), DeepSpaceError> {
+    pub fn generate(&self, ephemeris: &Ephemeris) -> Result<(Trajectory, Vec<Planet>), DeepSpaceError> {
         self.check()?;
-        let drawn: Vec<(FramePose, Planet)> =
-            (0..self.frames).into_par_iter().map(|frame| self.frame(frame)).collect::<Result<_, _>>()?;
+        let drawn: Vec<(FramePose, Planet)> = (0..self.frames)
+            .into_par_iter()
+            .map(|frame| self.frame(ephemeris, frame))
+            .collect::<Result<_, _>>()?;
         let (frames, planets) = drawn.into_iter().unzip();
         Ok((Trajectory::new(Path::new("deep-space"), frames), planets))
     }
@@ -181,11 +183,11 @@ impl DeepSpace {
         Ok(())
     }
 
-    fn frame(&self, frame: usize) -> Result<(FramePose, Planet), DeepSpaceError> {
+    fn frame(&self, ephemeris: &Ephemeris, frame: usize) -> Result<(FramePose, Planet), DeepSpaceError> {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream(frame as u64);
         for _ in 0..ATTEMPTS {
-            let observer_and_velocity = self.observer(&mut random)?;
+            let observer_and_velocity = self.observer(ephemeris, &mut random)?;
             if let Some(found) = self.pose(&observer_and_velocity, &mut random)? {
                 return Ok(found);
             }
@@ -194,16 +196,20 @@ impl DeepSpace {
     }
 
     /// Somewhere, at some time, and the velocity there.
-    fn observer(&self, random: &mut ChaCha8Rng) -> Result<(Observer, DVec3), DeepSpaceError> {
+    fn observer(
+        &self,
+        ephemeris: &Ephemeris,
+        random: &mut ChaCha8Rng,
+    ) -> Result<(Observer, DVec3), DeepSpaceError> {
         let tdb_s = between(random, self.epochs_tdb_s);
         let distance_m = between(random, self.sun_distance_au) * ASTRONOMICAL_UNIT_M;
         let longitude_rad = between(random, [0.0, TAU]);
         let latitude_rad = between(random, [-self.greatest_latitude_rad, self.greatest_latitude_rad]);
-        let sun = SolarSystem::at(tdb_s)?.sun;
+        let sun = ephemeris.solar_system(tdb_s)?.sun;
         let position_m = sun.position_m + from_ecliptic(longitude_rad, latitude_rad) * distance_m;
         let eastward = from_ecliptic(longitude_rad + PI / 2.0, 0.0);
         let velocity_m_s = sun.velocity_m_s + eastward * (SUN_GM_M3_S2 / distance_m).sqrt();
-        Ok((Observer::new(tdb_s, position_m, Some(velocity_m_s))?, velocity_m_s))
+        Ok((Observer::new(ephemeris, tdb_s, position_m, Some(velocity_m_s))?, velocity_m_s))
     }
 
     /// The pose of a camera there that has a planet in its field; `None` where all are near the Sun.

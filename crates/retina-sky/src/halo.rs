@@ -18,7 +18,7 @@ use thiserror::Error;
 use crate::DAY_S;
 pub use crate::cr3bp::NoOrbit;
 use crate::cr3bp::{self, MU, TOLERANCE, dynamics, southern_l2_halo};
-use crate::ephemeris::{EphemerisError, SolarSystem, moon_from_earth};
+use crate::ephemeris::{Ephemeris, EphemerisError};
 use crate::ode::integrate;
 use crate::orientation::RotationalElements;
 use crate::trajectory::{BodyPose, FramePose, Trajectory};
@@ -131,7 +131,7 @@ impl fmt::Display for HaloSummary {
 
 impl LumioHalo {
     /// A sequence whose middle is at `middle_tdb_s`, otherwise as the default; the new Moon to
-    /// put there is found by [`crate::ephemeris::next_new_moon_s`].
+    /// put there is found by [`Ephemeris::next_new_moon_s`].
     ///
     /// It starts at the crossing near the Moon: half a revolution on, in the middle of 15 days, the
     /// camera drifts past the far one the same way as the Sun does, and sees a lit disc longest.
@@ -148,8 +148,8 @@ impl LumioHalo {
     ///
     /// # Errors
     /// No frames, numbers that are not finite, a Jacobi constant outside the family, epochs
-    /// outside 1900-2100.
-    pub fn generate(&self) -> Result<(Trajectory, HaloSummary), HaloError> {
+    /// outside the ephemeris.
+    pub fn generate(&self, ephemeris: &Ephemeris) -> Result<(Trajectory, HaloSummary), HaloError> {
         if self.frames == 0 {
             return Err(HaloError::NoFrames);
         }
@@ -187,7 +187,7 @@ impl LumioHalo {
                 integrate(dynamics, state, wanted - at, TOLERANCE).ok_or(HaloError::Integration { frame })?;
             at = wanted;
             let previous = frames.last().map(|pose| pose.camera_from_inertial);
-            let pose = frame_pose(self.epoch_tdb_s + since_start_s, &state, previous)?;
+            let pose = frame_pose(ephemeris, self.epoch_tdb_s + since_start_s, &state, previous)?;
             summary.take(&pose, (cr3bp::jacobi(&state) - summary.jacobi).abs());
             frames.push(pose);
         }
@@ -213,15 +213,21 @@ impl HaloSummary {
 }
 
 /// The frame at a state of the circular problem.
-fn frame_pose(tdb_s: f64, state: &cr3bp::Phase, previous: Option<DQuat>) -> Result<FramePose, HaloError> {
+fn frame_pose(
+    ephemeris: &Ephemeris,
+    tdb_s: f64,
+    state: &cr3bp::Phase,
+    previous: Option<DQuat>,
+) -> Result<FramePose, HaloError> {
     let from_moon = DVec3::new(state[0] - 1.0 + MU, state[1], state[2]);
     let velocity = DVec3::new(state[3], state[4], state[5]);
-    let pulsating = pulsating_frame(tdb_s)?;
-    let rate = (pulsating_frame(tdb_s + FRAME_DIFFERENCE_S)? - pulsating_frame(tdb_s - FRAME_DIFFERENCE_S)?)
+    let pulsating = pulsating_frame(ephemeris, tdb_s)?;
+    let rate = (pulsating_frame(ephemeris, tdb_s + FRAME_DIFFERENCE_S)?
+        - pulsating_frame(ephemeris, tdb_s - FRAME_DIFFERENCE_S)?)
         * (0.5 / FRAME_DIFFERENCE_S);
     let position_m = pulsating * from_moon;
     let moon_from_inertial = RotationalElements::moon(tdb_s).body_from_inertial();
-    let bodies = SolarSystem::at(tdb_s)?;
+    let bodies = ephemeris.solar_system(tdb_s)?;
     let camera_from_inertial = look_at_origin(position_m, moon_from_inertial.inverse() * DVec3::Z);
     Ok(FramePose {
         time_s: tdb_s,
@@ -242,8 +248,8 @@ fn frame_pose(tdb_s: f64, state: &cr3bp::Phase, previous: Option<DQuat>) -> Resu
 
 /// ICRF axes from those of the pulsating rotating frame, times the distance of Earth and Moon in
 /// metres: takes dimensionless vectors of the circular problem to metres.
-fn pulsating_frame(tdb_s: f64) -> Result<DMat3, EphemerisError> {
-    let moon = moon_from_earth(tdb_s)?;
+fn pulsating_frame(ephemeris: &Ephemeris, tdb_s: f64) -> Result<DMat3, EphemerisError> {
+    let moon = ephemeris.moon_from_earth(tdb_s)?;
     let distance_m = moon.position_m.length();
     let x = moon.position_m / distance_m;
     let z = moon.position_m.cross(moon.velocity_m_s).normalize();
@@ -262,19 +268,18 @@ fn look_at_origin(position_m: DVec3, north: DVec3) -> DQuat {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ephemeris::next_new_moon_s;
     use crate::time::parse_epoch;
 
     #[test]
     fn the_default_sequence_is_lumios() {
         let started = std::time::Instant::now();
         let halo = LumioHalo::default();
-        let (trajectory, summary) = halo.generate().unwrap();
+        let (trajectory, summary) = halo.generate(&Ephemeris::analytic()).unwrap();
         let took_s = started.elapsed().as_secs_f64();
         assert!(took_s < 2.0 || cfg!(debug_assertions), "{took_s} s");
         assert_eq!(trajectory.frames.len(), 4321);
         let middle = &trajectory.frames[2160];
-        let new_moon_s = next_new_moon_s(parse_epoch("2027-07-10").unwrap()).unwrap();
+        let new_moon_s = Ephemeris::analytic().next_new_moon_s(parse_epoch("2027-07-10").unwrap()).unwrap();
         assert!((middle.time_s - new_moon_s).abs() < 5.0, "new Moon at {new_moon_s}");
         assert!(summary.jacobi_drift < 1e-10 && (summary.jacobi - 3.09).abs() < 1e-11);
         assert!((14.1..14.8).contains(&summary.period_days));
@@ -298,11 +303,11 @@ mod tests {
     #[test]
     fn velocities_are_the_rates_of_the_positions_through_the_next_revolution() {
         let halo = LumioHalo { frames: 400, step_s: 3600.0, phase_periods: 0.9, ..LumioHalo::default() };
-        let (trajectory, _) = halo.generate().unwrap();
+        let (trajectory, _) = halo.generate(&Ephemeris::analytic()).unwrap();
         let fine = |frame: usize, off_s: f64| {
             let step_s = frame as f64 * 3600.0 + off_s;
             let halo = LumioHalo { frames: 2, step_s, ..halo.clone() };
-            halo.generate().unwrap().0.frames[1].camera_position_m
+            halo.generate(&Ephemeris::analytic()).unwrap().0.frames[1].camera_position_m
         };
         for frame in [1, 60, 250] {
             let rate_m_s = (fine(frame, 100.0) - fine(frame, -100.0)) / 200.0;
@@ -321,12 +326,21 @@ mod tests {
     #[test]
     fn what_cannot_be_made_is_refused() {
         let halo = LumioHalo { frames: 2, ..LumioHalo::default() };
-        assert!(matches!(LumioHalo { frames: 0, ..halo.clone() }.generate(), Err(HaloError::NoFrames)));
         assert!(matches!(
-            LumioHalo { step_s: f64::NAN, ..halo.clone() }.generate(),
+            LumioHalo { frames: 0, ..halo.clone() }.generate(&Ephemeris::analytic()),
+            Err(HaloError::NoFrames)
+        ));
+        assert!(matches!(
+            LumioHalo { step_s: f64::NAN, ..halo.clone() }.generate(&Ephemeris::analytic()),
             Err(HaloError::NotFinite { name: "step_s", .. })
         ));
-        assert!(matches!(LumioHalo { jacobi: 3.3, ..halo.clone() }.generate(), Err(HaloError::NoOrbit(_))));
-        assert!(matches!(LumioHalo { epoch_tdb_s: 4e9, ..halo }.generate(), Err(HaloError::Ephemeris(_))));
+        assert!(matches!(
+            LumioHalo { jacobi: 3.3, ..halo.clone() }.generate(&Ephemeris::analytic()),
+            Err(HaloError::NoOrbit(_))
+        ));
+        assert!(matches!(
+            LumioHalo { epoch_tdb_s: 4e9, ..halo }.generate(&Ephemeris::analytic()),
+            Err(HaloError::Ephemeris(_))
+        ));
     }
 }

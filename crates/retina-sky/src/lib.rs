@@ -1,7 +1,7 @@
 //! Time, bodies and trajectories: where the camera, the Sun and the Moon are, and how they are turned.
 //!
 //! - [`time`]: calendar epochs to and from TDB seconds since J2000.
-//! - [`ephemeris`]: Sun, Earth and Moon without a kernel, in ICRF metres, 1900-2100.
+//! - [`ephemeris`]: Sun, Earth and Moon, in ICRF metres: by theories without a file, 1900-2100, or from SPK kernels.
 //! - [`orientation`]: IAU (WGCCRE) body-fixed axes.
 //! - [`trajectory`]: the trajectory table, one row a frame.
 //! - [`observer`]: from a geometric to an apparent direction: light deflection and aberration.

@@ -8,7 +8,7 @@ use glam::DVec3;
 use sofars::astro::ld;
 use thiserror::Error;
 
-use crate::ephemeris::{ASTRONOMICAL_UNIT_M, EphemerisError, LIGHT_SPEED_M_S, SolarSystem};
+use crate::ephemeris::{ASTRONOMICAL_UNIT_M, Ephemeris, EphemerisError, LIGHT_SPEED_M_S, SolarSystem};
 
 /// Least q . (q + e) in the deflection for an observer within 1 au (SOFA's `iauLdsun`): nearer to the
 /// Sun's centre than about 5 arcmin, which is within its disc, the deflection falls to zero.
@@ -37,22 +37,29 @@ pub enum ObserverError {
 }
 
 /// Who looks: when, from where, and how fast they move.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Observer {
     tdb_s: f64,
     position_m: DVec3,
     /// In units of the speed of light; zero where there is no aberration.
     beta: DVec3,
     bodies: SolarSystem,
+    ephemeris: Ephemeris,
 }
 
 impl Observer {
     /// An observer at an epoch (TDB seconds since J2000), at a barycentric ICRF position (metres), with
-    /// a barycentric velocity (metres a second). Without a velocity there is no aberration.
+    /// a barycentric velocity (metres a second). Without a velocity there is no aberration. The Sun and all planets
+    /// are where the ephemeris has them.
     ///
     /// # Errors
-    /// The epoch is outside 1900-2100, a coordinate is not finite, the speed is not below light's.
-    pub fn new(tdb_s: f64, position_m: DVec3, velocity_m_s: Option<DVec3>) -> Result<Self, ObserverError> {
+    /// The epoch is outside the ephemeris, a coordinate is not finite, the speed is not below light's.
+    pub fn new(
+        ephemeris: &Ephemeris,
+        tdb_s: f64,
+        position_m: DVec3,
+        velocity_m_s: Option<DVec3>,
+    ) -> Result<Self, ObserverError> {
         let velocity_m_s = velocity_m_s.unwrap_or(DVec3::ZERO);
         for (quantity, found) in [("position", position_m), ("velocity", velocity_m_s)] {
             if !found.is_finite() {
@@ -63,7 +70,8 @@ impl Observer {
         if beta.length() >= 1.0 {
             return Err(ObserverError::TooFast { found_m_s: velocity_m_s.length() });
         }
-        Ok(Self { tdb_s, position_m, beta, bodies: SolarSystem::at(tdb_s)? })
+        let bodies = ephemeris.solar_system(tdb_s)?;
+        Ok(Self { tdb_s, position_m, beta, bodies, ephemeris: ephemeris.clone() })
     }
 
     /// The epoch, TDB seconds since J2000.
@@ -74,6 +82,11 @@ impl Observer {
     /// The position, barycentric ICRF metres.
     pub fn position_m(&self) -> DVec3 {
         self.position_m
+    }
+
+    /// Where the planets are taken from.
+    pub fn ephemeris(&self) -> &Ephemeris {
+        &self.ephemeris
     }
 
     /// Sun, Earth and Moon at the epoch.
@@ -207,7 +220,7 @@ mod tests {
 
     #[test]
     fn observers_that_cannot_be_are_refused() {
-        let at = |tdb_s, position, velocity| Observer::new(tdb_s, position, velocity);
+        let at = |tdb_s, position, velocity| Observer::new(&Ephemeris::analytic(), tdb_s, position, velocity);
         assert!(matches!(at(4e9, DVec3::X, None), Err(ObserverError::Ephemeris(_))));
         assert!(matches!(
             at(0.0, DVec3::X * f64::NAN, None),
@@ -240,7 +253,7 @@ mod tests {
         #[test]
         fn nothing_moves_farther_than_the_bound(star in unit(), place in unit(), au in 0.1_f64..6.0,
                                                 velocity in unit(), speed_m_s in 0.0_f64..1e6) {
-            let observer = Observer::new(0.0, place * au * ASTRONOMICAL_UNIT_M, Some(velocity * speed_m_s)).unwrap();
+            let observer = Observer::new(&Ephemeris::analytic(), 0.0, place * au * ASTRONOMICAL_UNIT_M, Some(velocity * speed_m_s)).unwrap();
             let moved = separation_rad(observer.apparent_star(star), star);
             prop_assert!(moved <= observer.greatest_shift_rad() + 1e-12, "{} {}", moved, observer.greatest_shift_rad());
         }

@@ -130,13 +130,13 @@ pub fn body_from_inertial(name: &str, tdb_s: f64) -> Option<DQuat> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ephemeris::moon_from_earth;
+    use crate::ephemeris::Ephemeris;
     use crate::time::parse_epoch;
     use glam::{DMat3, DVec3};
 
     /// Selenographic longitude and latitude of the Earth's centre, degrees.
     fn sub_earth_deg(tdb_s: f64) -> (f64, f64) {
-        let earth_m = -moon_from_earth(tdb_s).unwrap().position_m;
+        let earth_m = -Ephemeris::analytic().moon_from_earth(tdb_s).unwrap().position_m;
         let seen = body_from_inertial("moon", tdb_s).unwrap() * earth_m.normalize();
         (seen.y.atan2(seen.x).to_degrees(), seen.z.asin().to_degrees())
     }

@@ -1,6 +1,10 @@
 //! The planets and the Moon: where they are, and how a camera sees them.
 //!
-//! Mercury to Neptune (but the Earth) are VSOP87A (Bretagnon & Francou 1988): heliocentric positions in
+//! Kernels give a planet's centre where they have it, otherwise the barycentre of it and its satellites (DE440
+//! from Mars outwards), as VSOP87's theories do. Jupiter's and Saturn's centres are up to some 200 and 300 km from
+//! theirs, Mars' less than a metre.
+//!
+//! Without kernels, Mercury to Neptune (but the Earth) are VSOP87A (Bretagnon & Francou 1988): heliocentric positions in
 //! the dynamical ecliptic of J2000, turned to equatorial axes and set on the Sun of
 //! [`SolarSystem`], so that they stand in one frame with the Earth and the Moon. Its own barycentric
 //! variant, VSOP87E, is not taken: its barycentre is 1270 km (rms) off that of DE421. Against DE421 over
@@ -12,7 +16,7 @@ use glam::{DMat3, DVec3};
 use vsop87::{RectangularCoordinates, vsop87a};
 
 use crate::ephemeris::{
-    ASTRONOMICAL_UNIT_M, EphemerisError, LIGHT_SPEED_M_S, OBLIQUITY_RAD, SolarSystem, check,
+    ASTRONOMICAL_UNIT_M, Ephemeris, EphemerisError, LIGHT_SPEED_M_S, OBLIQUITY_RAD, SolarSystem,
     ecliptic_longitude_rad,
 };
 use crate::magnitude::{self, Illumination, Magnitude};
@@ -118,34 +122,43 @@ impl Planet {
     }
 }
 
-/// Geometric barycentric position (no light-time), ICRF metres, at an epoch (TDB seconds since J2000).
-///
-/// # Errors
-/// The epoch is outside 1900-2100.
-pub fn position_m(planet: Planet, tdb_s: f64) -> Result<DVec3, EphemerisError> {
-    check(tdb_s)?;
-    place_earlier_m(planet, &SolarSystem::at(tdb_s)?, tdb_s, 0.0)
-}
-
-/// Barycentric position `earlier_s` before an epoch for which `bodies` are.
-fn place_earlier_m(
-    planet: Planet,
-    bodies: &SolarSystem,
-    tdb_s: f64,
-    earlier_s: f64,
-) -> Result<DVec3, EphemerisError> {
-    let Some(theory) = planet.theory() else {
-        let then = if earlier_s == 0.0 { *bodies } else { SolarSystem::at(tdb_s - earlier_s)? };
-        return Ok(if planet == Planet::Moon { then.moon } else { then.earth }.position_m);
-    };
-    // In the 5 hours that light takes from Neptune, the Sun leaves this line by 20 m.
-    let sun_m = bodies.sun.position_m - bodies.sun.velocity_m_s * earlier_s;
-    let RectangularCoordinates { x, y, z } = theory(J2000_JD + (tdb_s - earlier_s) / DAY_S);
-    let mut heliocentric_m = equatorial_from_dynamical() * DVec3::new(x, y, z) * ASTRONOMICAL_UNIT_M;
-    if planet == Planet::Jupiter {
-        heliocentric_m += jupiter_turn_rad((tdb_s - earlier_s) / DAY_S / CENTURY_D).cross(heliocentric_m);
+impl Ephemeris {
+    /// A planet's geometric barycentric position (no light-time), ICRF metres, at an epoch (TDB seconds since
+    /// J2000).
+    ///
+    /// # Errors
+    /// The epoch is outside 1900-2100, or kernels lack it or the planet.
+    pub fn position_m(&self, planet: Planet, tdb_s: f64) -> Result<DVec3, EphemerisError> {
+        match self.kernels() {
+            Some(kernels) => Ok(kernels.planet(planet, tdb_s)?.position_m),
+            None => self.place_earlier_m(planet, &self.solar_system(tdb_s)?, tdb_s, 0.0),
+        }
     }
-    Ok(sun_m + heliocentric_m)
+
+    /// Barycentric position `earlier_s` before an epoch for which `bodies` are.
+    fn place_earlier_m(
+        &self,
+        planet: Planet,
+        bodies: &SolarSystem,
+        tdb_s: f64,
+        earlier_s: f64,
+    ) -> Result<DVec3, EphemerisError> {
+        if let Some(kernels) = self.kernels() {
+            return Ok(kernels.planet(planet, tdb_s - earlier_s)?.position_m);
+        }
+        let Some(theory) = planet.theory() else {
+            let then = if earlier_s == 0.0 { *bodies } else { self.solar_system(tdb_s - earlier_s)? };
+            return Ok(if planet == Planet::Moon { then.moon } else { then.earth }.position_m);
+        };
+        // In the 5 hours that light takes from Neptune, the Sun leaves this line by 20 m.
+        let sun_m = bodies.sun.position_m - bodies.sun.velocity_m_s * earlier_s;
+        let RectangularCoordinates { x, y, z } = theory(J2000_JD + (tdb_s - earlier_s) / DAY_S);
+        let mut heliocentric_m = equatorial_from_dynamical() * DVec3::new(x, y, z) * ASTRONOMICAL_UNIT_M;
+        if planet == Planet::Jupiter {
+            heliocentric_m += jupiter_turn_rad((tdb_s - earlier_s) / DAY_S / CENTURY_D).cross(heliocentric_m);
+        }
+        Ok(sun_m + heliocentric_m)
+    }
 }
 
 /// What turns VSOP87's orbit of Jupiter onto DE421's, a rotation vector along ICRF axes, at Julian
@@ -169,6 +182,13 @@ fn equatorial_from_dynamical() -> DMat3 {
         DVec3::new(0.000_000_440_360, 0.917_482_137_087, 0.397_776_982_902),
         DVec3::new(-0.000_000_190_919, -0.397_776_982_902, 0.917_482_137_087),
     )
+}
+
+impl Observer {
+    /// A planet's barycentric position `earlier_s` before the observer's epoch.
+    fn place_earlier_m(&self, planet: Planet, earlier_s: f64) -> Result<DVec3, EphemerisError> {
+        self.ephemeris().place_earlier_m(planet, self.bodies(), self.tdb_s(), earlier_s)
+    }
 }
 
 /// A planet as a camera sees it.
@@ -197,7 +217,7 @@ pub struct SeenPlanet {
 /// stands (at the Earth's centre, say) is left out.
 ///
 /// # Errors
-/// The epoch, or that at which the light left, is outside 1900-2100.
+/// The epoch, or that at which the light left, is outside 1900-2100, or kernels lack it or the planet.
 pub fn seen_planets(observer: &Observer) -> Result<Vec<SeenPlanet>, EphemerisError> {
     Planet::ALL.into_iter().filter_map(|planet| seen_planet(observer, planet).transpose()).collect()
 }
@@ -214,8 +234,7 @@ pub fn planets_in_cone(
     let mut found = Vec::new();
     for planet in Planet::ALL {
         // The theories are slow: where a planet is now says whether it may be seen in the cone.
-        let now_m =
-            place_earlier_m(planet, observer.bodies(), observer.tdb_s(), 0.0)? - observer.position_m();
+        let now_m = observer.place_earlier_m(planet, 0.0)? - observer.position_m();
         let radius_rad = (planet.radius_m() / now_m.length()).min(1.0).asin();
         if separation_rad(now_m, axis)
             > half_angle_rad + radius_rad + GREATEST_SHIFT_RAD + observer.greatest_shift_rad()
@@ -236,7 +255,7 @@ pub fn planets_in_cone(
 /// # Errors
 /// As [`seen_planets`].
 pub fn seen_planet(observer: &Observer, planet: Planet) -> Result<Option<SeenPlanet>, EphemerisError> {
-    let now_m = place_earlier_m(planet, observer.bodies(), observer.tdb_s(), 0.0)? - observer.position_m();
+    let now_m = observer.place_earlier_m(planet, 0.0)? - observer.position_m();
     seen_from_now(observer, planet, now_m)
 }
 
@@ -253,7 +272,7 @@ fn seen_from_now(
     // Light-time: one step back by the theory, the second order by the mean velocity in between. A third
     // call would move Mercury by metres.
     let first_s = now_m.length() / LIGHT_SPEED_M_S;
-    let then_m = place_earlier_m(planet, bodies, tdb_s, first_s)? - observer.position_m();
+    let then_m = observer.place_earlier_m(planet, first_s)? - observer.position_m();
     let light_s = then_m.length() / LIGHT_SPEED_M_S;
     let source_m = then_m - (now_m - then_m) / first_s * (light_s - first_s);
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::ephemeris::{EphemerisError, SolarSystem};
+use crate::ephemeris::{Ephemeris, EphemerisError};
 use crate::observer::{Observer, ObserverError};
 use crate::orientation::body_from_inertial;
 use crate::planets::{Planet, seen_planet};
@@ -56,9 +56,9 @@ impl Site {
     /// elements: the place is good to some 2 km, as UT1 and nutation are not in them.
     ///
     /// # Errors
-    /// The epoch (TDB seconds since J2000) is outside 1900-2100.
-    pub fn state(&self, tdb_s: f64) -> Result<(DVec3, DVec3), EphemerisError> {
-        let earth = SolarSystem::at(tdb_s)?.earth;
+    /// The epoch (TDB seconds since J2000) is outside the ephemeris.
+    pub fn state(&self, ephemeris: &Ephemeris, tdb_s: f64) -> Result<(DVec3, DVec3), EphemerisError> {
+        let earth = ephemeris.solar_system(tdb_s)?.earth;
         let inertial_from_earth =
             body_from_inertial("earth", tdb_s).map_or(DQuat::IDENTITY, |rotation| rotation.inverse());
         let offset_m = inertial_from_earth * self.earth_fixed_m();
@@ -70,10 +70,15 @@ impl Site {
     /// scene with stars has them.
     ///
     /// # Errors
-    /// The epoch is outside 1900-2100, or the target cannot be seen.
-    pub fn looking_at(&self, target: Planet, tdb_s: f64) -> Result<FramePose, SiteError> {
-        let (position_m, velocity_m_s) = self.state(tdb_s)?;
-        let observer = Observer::new(tdb_s, position_m, Some(velocity_m_s))?;
+    /// The epoch is outside the ephemeris, or the target cannot be seen.
+    pub fn looking_at(
+        &self,
+        ephemeris: &Ephemeris,
+        target: Planet,
+        tdb_s: f64,
+    ) -> Result<FramePose, SiteError> {
+        let (position_m, velocity_m_s) = self.state(ephemeris, tdb_s)?;
+        let observer = Observer::new(ephemeris, tdb_s, position_m, Some(velocity_m_s))?;
         let seen = seen_planet(&observer, target)?.ok_or(SiteError::Unseen(target.name()))?;
         let forward = seen.direction;
         let right = forward.cross(DVec3::Z).normalize();
@@ -105,11 +110,13 @@ mod tests {
             altitude_m: 455.0,
         };
         let tdb_s = parse_epoch("2023-12-22T19:21:25 UTC").unwrap();
-        let pose = site.looking_at(Planet::Moon, tdb_s).unwrap();
+        let ephemeris = Ephemeris::analytic();
+        let pose = site.looking_at(&ephemeris, Planet::Moon, tdb_s).unwrap();
         let forward = pose.camera_from_inertial.inverse() * DVec3::Z;
         // 20 km at the Moon are 11 arcsec.
         assert!(forward.angle_between(expected_m).to_degrees() * 3600.0 < 15.0);
-        let observer = Observer::new(tdb_s, pose.camera_position_m, pose.camera_velocity_m_s).unwrap();
+        let observer =
+            Observer::new(&ephemeris, tdb_s, pose.camera_position_m, pose.camera_velocity_m_s).unwrap();
         let seen = seen_planet(&observer, Planet::Moon).unwrap().unwrap();
         assert!((seen.distance_m - expected_m.length()).abs() < 20e3, "{}", seen.distance_m);
         assert!((seen.phase_angle_rad.to_degrees() - 51.288).abs() < 0.01);

@@ -7,7 +7,7 @@
 
 use glam::DVec3;
 use retina_sky::catalogue::StarCatalogue;
-use retina_sky::ephemeris::ASTRONOMICAL_UNIT_M;
+use retina_sky::ephemeris::{ASTRONOMICAL_UNIT_M, Ephemeris};
 use retina_sky::observer::{Observer, separation_rad};
 use retina_sky::planets::{Planet, seen_planet};
 use serde_json::Value;
@@ -25,8 +25,13 @@ fn observers() -> Vec<(Observer, Value)> {
     assert_eq!(frozen.len(), 12);
     let observer = |entry: &Value| {
         let velocity_m_s = vector(&entry["velocity_m_s"]);
-        Observer::new(entry["tdb_s"].as_f64().unwrap(), vector(&entry["position_m"]), Some(velocity_m_s))
-            .unwrap()
+        Observer::new(
+            &Ephemeris::analytic(),
+            entry["tdb_s"].as_f64().unwrap(),
+            vector(&entry["position_m"]),
+            Some(velocity_m_s),
+        )
+        .unwrap()
     };
     frozen.into_iter().map(|entry| (observer(&entry), entry)).collect()
 }

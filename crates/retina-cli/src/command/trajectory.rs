@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use retina_files::{InputError, write_atomic};
 use retina_sky::Trajectory;
 use retina_sky::deep_space::DeepSpace;
+use retina_sky::ephemeris::Ephemeris;
 use retina_sky::halo::LumioHalo;
 use retina_sky::planets::Planet;
 use retina_sky::site::Site;
@@ -50,6 +51,10 @@ pub(crate) struct Arguments {
     /// What the camera at the site looks at: `moon`, or a planet.
     #[arg(long)]
     target: Option<String>,
+    /// SPK kernel that says where Sun, Moon and planets are; may be repeated, of those that have a body the last counts
+    /// [default: analytical theories].
+    #[arg(long, value_name = "FILE.bsp")]
+    ephemeris: Vec<PathBuf>,
     /// The table to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -101,10 +106,11 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
             .expected("1 to 1000000")
             .into());
     }
+    let ephemeris = Ephemeris::read(&arguments.ephemeris)?;
     match arguments.kind {
-        Kind::LumioHalo => lumio_halo(&arguments, frames),
-        Kind::DeepSpace => deep_space(&arguments, frames),
-        Kind::Site => site(&arguments, frames),
+        Kind::LumioHalo => lumio_halo(&arguments, &ephemeris, frames),
+        Kind::DeepSpace => deep_space(&arguments, &ephemeris, frames),
+        Kind::Site => site(&arguments, &ephemeris, frames),
     }
 }
 
@@ -113,10 +119,10 @@ fn write(out: &Path, text: &str) -> Result<(), Failure> {
         .map_err(|error| Failure::new(format!("{} cannot be written: {error}", out.display())))
 }
 
-fn deep_space(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
+fn deep_space(arguments: &Arguments, ephemeris: &Ephemeris, frames: usize) -> Result<(), Failure> {
     let wanted = DeepSpace { frames, seed: arguments.seed.unwrap_or(0), ..DeepSpace::default() };
     let (trajectory, planets) =
-        wanted.generate().map_err(|error| InputError::new("deep-space", error.to_string()))?;
+        wanted.generate(ephemeris).map_err(|error| InputError::new("deep-space", error.to_string()))?;
     let head = format!("# retina.trajectory/1: deep-space, seed {}", wanted.seed);
     write(&arguments.out, &format!("{head}\n{}", trajectory.to_csv()))?;
     let counts: Vec<(&str, usize)> = wanted
@@ -130,6 +136,7 @@ fn deep_space(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
         print_json(&json!({
             "schema": "retina.trajectory-summary/1",
             "out": arguments.out,
+            "ephemeris": ephemeris.name(),
             "frames": frames,
             "seed": wanted.seed,
             "planets": counts.into_iter().map(|(name, count)| (name.to_string(), json!(count)))
@@ -139,7 +146,7 @@ fn deep_space(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
     Ok(())
 }
 
-fn site(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
+fn site(arguments: &Arguments, ephemeris: &Ephemeris, frames: usize) -> Result<(), Failure> {
     let missing = |option: &str, expected: &str| {
         InputError::new(option, "is needed for a camera on the Earth").expected(expected)
     };
@@ -168,7 +175,7 @@ fn site(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
     let epoch_s = parse_epoch(epoch)
         .map_err(|error| InputError::new("--epoch", error.to_string()).found(format!("`{epoch}`")))?;
     let poses = (0..frames)
-        .map(|frame| site.looking_at(target, epoch_s + frame as f64 * arguments.step_s))
+        .map(|frame| site.looking_at(ephemeris, target, epoch_s + frame as f64 * arguments.step_s))
         .collect::<Result<Vec<_>, _>>()
         .map_err(|error| InputError::new("--target", error.to_string()))?;
     let trajectory = Trajectory::new(Path::new("site"), poses);
@@ -179,6 +186,7 @@ fn site(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
         print_json(&json!({
             "schema": "retina.trajectory-summary/1",
             "out": arguments.out,
+            "ephemeris": ephemeris.name(),
             "frames": frames,
             "epoch_tdb_s": epoch_s,
             "step_s": arguments.step_s,
@@ -188,7 +196,7 @@ fn site(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
     Ok(())
 }
 
-fn lumio_halo(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
+fn lumio_halo(arguments: &Arguments, ephemeris: &Ephemeris, frames: usize) -> Result<(), Failure> {
     let default = LumioHalo::default();
     let middle_s = default.epoch_tdb_s + 0.5 * (default.frames - 1) as f64 * default.step_s;
     let halo = match &arguments.epoch {
@@ -202,7 +210,7 @@ fn lumio_halo(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
     };
     let halo = LumioHalo { jacobi: arguments.jacobi.unwrap_or(halo.jacobi), ..halo };
     let (trajectory, summary) =
-        halo.generate().map_err(|error| InputError::new("lumio-halo", error.to_string()))?;
+        halo.generate(ephemeris).map_err(|error| InputError::new("lumio-halo", error.to_string()))?;
     let text = format!("# retina.trajectory/1: lumio-halo, {summary}\n{}", trajectory.to_csv());
     write(&arguments.out, &text)?;
     tell!("{} frames from {}: {summary}", halo.frames, format_epoch_tdb(halo.epoch_tdb_s));
@@ -210,6 +218,7 @@ fn lumio_halo(arguments: &Arguments, frames: usize) -> Result<(), Failure> {
         print_json(&json!({
             "schema": "retina.trajectory-summary/1",
             "out": arguments.out,
+            "ephemeris": ephemeris.name(),
             "frames": halo.frames,
             "epoch_tdb_s": halo.epoch_tdb_s,
             "step_s": halo.step_s,

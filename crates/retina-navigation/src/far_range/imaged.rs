@@ -129,7 +129,7 @@ pub fn run_imaged(
 ) -> Result<ImagedResult, FarRangeError> {
     let path = folder.join("transfer.jsonl");
     let mut done = read_done::<ImagedLine>(&path, &scenario.transfer_hash)?;
-    let course = Course::new(transfer)?;
+    let course = Course::new(transfer, &scenario.ephemeris)?;
     let photographer = Photographer::new(&Scenario { images, ..scenario.clone() })?;
     let middle_s = transfer.arrival_tdb_s - 0.5 * transfer.length_s;
     let solver =
@@ -230,8 +230,8 @@ fn take(
     let mut random = ChaCha8Rng::seed_from_u64(scenario.seed ^ 0x696d_6167_6573);
     random.set_stream(image as u64);
     let camera = &photographer.camera().pinhole;
-    let observer =
-        Observer::new(tdb_s, truth.position_m, Some(truth.velocity_m_s)).map_err(|error| sky(&error))?;
+    let observer = Observer::new(&scenario.ephemeris, tdb_s, truth.position_m, Some(truth.velocity_m_s))
+        .map_err(|error| sky(&error))?;
     let seen = seen_planet(&observer, planet)
         .map_err(|error| sky(&error))?
         .ok_or_else(|| FarRangeError::Sky(format!("{} is not seen", planet.name())))?;
@@ -261,12 +261,19 @@ fn look(
     points: Vec<StarPoint>,
 ) -> Result<ImagedLine, FarRangeError> {
     let sky = |error: &dyn std::fmt::Display| FarRangeError::Sky(error.to_string());
-    let assumed = Observer::new(shot.tdb_s, filter.state.position_m, Some(filter.state.velocity_m_s))
-        .map_err(|error| sky(&error))?;
+    let assumed = Observer::new(
+        &scenario.ephemeris,
+        shot.tdb_s,
+        filter.state.position_m,
+        Some(filter.state.velocity_m_s),
+    )
+    .map_err(|error| sky(&error))?;
     // The root of the trace: no less than along the worst axis.
     let sigma_m = filter.three_sigma()[0] / 3.0;
-    let context =
-        ImageContext { observer: Some(assumed), prior: Some(PriorPosition { observer: assumed, sigma_m }) };
+    let context = ImageContext {
+        observer: Some(assumed.clone()),
+        prior: Some(PriorPosition { observer: assumed, sigma_m }),
+    };
     let camera = photographer.camera();
     let result = solve_points(points, camera, solver, &context).map_err(|error| sky(&error))?;
     let mut line = ImagedLine {

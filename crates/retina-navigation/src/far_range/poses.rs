@@ -85,7 +85,8 @@ pub fn run_poses(
     progress: &mut dyn FnMut(usize),
 ) -> Result<Vec<PoseResult>, FarRangeError> {
     let poses = scenario.deep_space();
-    let (trajectory, planets) = poses.generate().map_err(|error| FarRangeError::Sky(error.to_string()))?;
+    let (trajectory, planets) =
+        poses.generate(&scenario.ephemeris).map_err(|error| FarRangeError::Sky(error.to_string()))?;
     let path = folder.join(list_name("poses", shard));
     let mut done = read_done::<PoseResult>(&path, &scenario.poses_hash)?;
     let photographer = Photographer::new(scenario)?;
@@ -132,19 +133,27 @@ fn run_pose(
     let mut random = ChaCha8Rng::seed_from_u64(scenario.seed ^ 0x6661_725f_7261_6e67);
     random.set_stream(at as u64);
     let camera = photographer.camera();
-    let observer = Observer::new(pose.time_s, pose.camera_position_m, pose.camera_velocity_m_s)
-        .map_err(|error| sky(&error))?;
+    let observer =
+        Observer::new(&scenario.ephemeris, pose.time_s, pose.camera_position_m, pose.camera_velocity_m_s)
+            .map_err(|error| sky(&error))?;
     let shown =
         sources(&observer, pose.camera_from_inertial, &camera.pinhole, scenario.poses.faintest_magnitude)
             .map_err(|error| sky(&error))?;
     let sigma_m = scenario.poses.position_3_sigma_km * 1e3 / 3.0;
     let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
     let off = DVec3::new(normal(), normal(), normal()) * sigma_m;
-    let assumed = Observer::new(pose.time_s, pose.camera_position_m + off, pose.camera_velocity_m_s)
-        .map_err(|error| sky(&error))?;
+    let assumed = Observer::new(
+        &scenario.ephemeris,
+        pose.time_s,
+        pose.camera_position_m + off,
+        pose.camera_velocity_m_s,
+    )
+    .map_err(|error| sky(&error))?;
     let points = photographer.points(&shown, at as u64, &mut random)?;
-    let context =
-        ImageContext { observer: Some(assumed), prior: Some(PriorPosition { observer: assumed, sigma_m }) };
+    let context = ImageContext {
+        observer: Some(assumed.clone()),
+        prior: Some(PriorPosition { observer: assumed, sigma_m }),
+    };
     let result = solve_points(points, camera, solver, &context).map_err(|error| sky(&error))?;
     let mut out = PoseResult {
         pose: at,

@@ -59,6 +59,7 @@ pub fn document(
     json!({
         "schema": "retina.far-range-result/1",
         "images": images,
+        "ephemeris": scenario.ephemeris.name(),
         "seed": scenario.seed,
         "poses": poses,
         "paper": {"attitude_found_percent": PAPER_ATTITUDE_PERCENT, "planet_found_percent": PAPER_PLANET_PERCENT},

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use retina_files::{InputError, hash_bytes, read_schema, read_text};
 use retina_geometry::{Calibration, Setup};
 use retina_sky::deep_space::DeepSpace;
+use retina_sky::ephemeris::Ephemeris;
 use retina_sky::planets::Planet;
 use retina_sky::time::parse_epoch;
 use serde::{Deserialize, Serialize};
@@ -53,6 +54,8 @@ struct File {
     schema: String,
     setup: PathBuf,
     calibration: Option<PathBuf>,
+    #[serde(default)]
+    ephemeris: Vec<PathBuf>,
     #[serde(default)]
     seed: u64,
     #[serde(default = "points")]
@@ -221,6 +224,8 @@ pub struct Scenario {
     pub setup: Setup,
     /// Its calibration, for images of the bench.
     pub calibration: Option<Calibration>,
+    /// Where Sun and planets are, to the truth and to the filter.
+    pub ephemeris: Ephemeris,
     /// Seed of poses and noise.
     pub seed: u64,
     /// Where the measurements come from.
@@ -272,6 +277,8 @@ impl Scenario {
         };
         file.check(path)?;
         let transfer = file.transfer.as_ref().map(|transfer| transfer.read(path)).transpose()?;
+        let kernels: Vec<PathBuf> = file.ephemeris.iter().map(|own| folder.join(own)).collect();
+        let ephemeris = Ephemeris::read(&kernels).map_err(|error| error.named_by(path, "ephemeris"))?;
         let setup_text = read_text(&setup_path)?;
         let calibration_text = match (&calibration, &calibration_path) {
             (Some(_), Some(own)) => read_text(own)?,
@@ -279,7 +286,9 @@ impl Scenario {
         };
         let hash = |images: Images, decides: String| {
             let calibration = if images == Images::Bench { calibration_text.as_str() } else { "" };
-            hash_bytes([&decides, &setup_text, calibration].concat().as_bytes())
+            let kernels = ephemeris.kernel_files().iter().map(|kernel| kernel.hash.as_str());
+            let all = [decides.as_str(), &setup_text, calibration].into_iter().chain(kernels);
+            hash_bytes(all.collect::<String>().as_bytes())
         };
         // What is shown and how it is measured; the number of poses and the transfer change no pose.
         let decides = (&file.images, file.seed, &file.points, &file.exposure, {
@@ -302,6 +311,7 @@ impl Scenario {
         Ok(Self {
             setup,
             calibration,
+            ephemeris,
             seed: file.seed,
             images: file.images,
             poses: file.poses,

@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution as _, StandardNormal};
 use rayon::prelude::*;
+use retina_sky::ephemeris::Ephemeris;
 use retina_sky::observer::{Observer, separation_rad};
 use retina_sky::planets::{Planet, seen_planet};
 use serde::Serialize;
@@ -102,13 +103,14 @@ pub(super) struct Course {
 
 impl Course {
     /// Integrates backwards from the arrival, and plans the sessions.
-    pub(super) fn new(transfer: &Transfer) -> Result<Self, FarRangeError> {
+    pub(super) fn new(transfer: &Transfer, ephemeris: &Ephemeris) -> Result<Self, FarRangeError> {
         let begin_s = transfer.arrival_tdb_s - transfer.length_s;
         // Light from Saturn is up to 2 hours old; the last session ends after the arrival.
         let session_length_s = transfer.images_per_session as f64 * transfer.interval_s;
-        let ephemeris = EphemerisTable::new([begin_s, transfer.arrival_tdb_s + session_length_s + 86_400.0])
-            .map_err(|error| FarRangeError::Sky(error.to_string()))?;
-        let dynamics = Dynamics { ephemeris, pressure_area_m2_kg: transfer.pressure_area_m2_kg };
+        let table =
+            EphemerisTable::new(ephemeris, [begin_s, transfer.arrival_tdb_s + session_length_s + 86_400.0])
+                .map_err(|error| FarRangeError::Sky(error.to_string()))?;
+        let dynamics = Dynamics { ephemeris: table, pressure_area_m2_kg: transfer.pressure_area_m2_kg };
         let mars_s = transfer.arrival_tdb_s;
         let mars = |t: f64| dynamics.ephemeris.planet(Planet::Mars, t);
         let arrival = PhaseState {
@@ -117,7 +119,7 @@ impl Course {
                 + DVec3::from_array(transfer.arrival_velocity_m_s),
         };
         let begin = dynamics.propagate(arrival, mars_s, begin_s);
-        let sessions = plan(transfer, &dynamics, begin, begin_s)?;
+        let sessions = plan(transfer, ephemeris, &dynamics, begin, begin_s)?;
         Ok(Self { dynamics, begin, begin_s, sessions })
     }
 
@@ -193,11 +195,12 @@ impl Standing {
 /// The transfer is outside the ephemeris, or a covariance loses its positive definiteness.
 pub fn run_transfer(
     transfer: &Transfer,
+    ephemeris: &Ephemeris,
     sigma_rad: f64,
     used: f64,
     seed: u64,
 ) -> Result<TransferResult, FarRangeError> {
-    run(transfer, Noise { sigma_rad, believed_rad: sigma_rad, used }, seed)
+    run(transfer, ephemeris, Noise { sigma_rad, believed_rad: sigma_rad, used }, seed)
 }
 
 /// A line of sight's noise.
@@ -211,9 +214,14 @@ struct Noise {
     used: f64,
 }
 
-fn run(transfer: &Transfer, noise: Noise, seed: u64) -> Result<TransferResult, FarRangeError> {
+fn run(
+    transfer: &Transfer,
+    ephemeris: &Ephemeris,
+    noise: Noise,
+    seed: u64,
+) -> Result<TransferResult, FarRangeError> {
     let Noise { sigma_rad, used, .. } = noise;
-    let course = Course::new(transfer)?;
+    let course = Course::new(transfer, ephemeris)?;
     let (dynamics, begin, begin_s) = (&course.dynamics, course.begin, course.begin_s);
     let samples: Vec<Vec<Record>> = (0..transfer.samples)
         .into_par_iter()
@@ -266,6 +274,7 @@ pub(super) fn not_definite() -> FarRangeError {
 /// The sessions, each with the two planets that fix the position best: least trace of the triangulation's covariance.
 fn plan(
     transfer: &Transfer,
+    ephemeris: &Ephemeris,
     dynamics: &Dynamics,
     begin: PhaseState,
     begin_s: f64,
@@ -279,7 +288,7 @@ fn plan(
         let tdb_s = begin_s + at as f64 * transfer.session_s;
         state = dynamics.propagate(state, now_s, tdb_s);
         now_s = tdb_s;
-        let observer = Observer::new(tdb_s, state.position_m, Some(state.velocity_m_s))
+        let observer = Observer::new(ephemeris, tdb_s, state.position_m, Some(state.velocity_m_s))
             .map_err(|error| FarRangeError::Sky(error.to_string()))?;
         let sun = observer.apparent_source(observer.bodies().sun_from_m(state.position_m));
         let mut visible = Vec::new();
@@ -454,7 +463,7 @@ mod tests {
         let sigma_rad = 5e-5;
         let run = |believed: f64, samples| {
             let noise = Noise { sigma_rad, believed_rad: believed * sigma_rad, used: 0.95 };
-            super::run(&transfer(samples), noise, 3).unwrap()
+            super::run(&transfer(samples), &Ephemeris::analytic(), noise, 3).unwrap()
         };
         let honest = run(1.0, 60);
         assert!((honest.nis_bounds[0]..=honest.nis_bounds[1]).contains(&honest.nis), "{}", honest.nis);

@@ -169,11 +169,13 @@ pub(crate) fn runge_kutta<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retina_sky::planets::{Planet, position_m};
+    use retina_sky::ephemeris::Ephemeris;
+    use retina_sky::planets::Planet;
 
     fn dynamics(days: f64) -> (f64, Dynamics) {
         let start = 8.5e8;
-        let ephemeris = EphemerisTable::new([start, start + days * 86_400.0]).unwrap();
+        let ephemeris =
+            EphemerisTable::new(&Ephemeris::analytic(), [start, start + days * 86_400.0]).unwrap();
         (start, Dynamics { ephemeris, pressure_area_m2_kg: 0.0 })
     }
 
@@ -210,7 +212,7 @@ mod tests {
                 row[5] = DVec3::splat(1e15);
             }
         }
-        let place = |t: f64| position_m(Planet::Mars, t).unwrap();
+        let place = |t: f64| Ephemeris::analytic().position_m(Planet::Mars, t).unwrap();
         let velocity = (place(start + 600.0) - place(start - 600.0)) / 1200.0;
         let state = PhaseState { position_m: place(start), velocity_m_s: velocity };
         let end_s = start + days * 86_400.0;

@@ -114,7 +114,11 @@ mod tests {
     fn a_joint_update_is_two_scalar_ones() {
         let tdb_s = 1.0e9;
         let dynamics = Dynamics {
-            ephemeris: EphemerisTable::new([tdb_s, tdb_s + 86_400.0]).unwrap(),
+            ephemeris: EphemerisTable::new(
+                &retina_sky::ephemeris::Ephemeris::analytic(),
+                [tdb_s, tdb_s + 86_400.0],
+            )
+            .unwrap(),
             pressure_area_m2_kg: 0.0,
         };
         let state = PhaseState {

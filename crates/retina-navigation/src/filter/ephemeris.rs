@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use retina_sky::ephemeris::{EphemerisError, SolarSystem};
-use retina_sky::planets::{Planet, position_m};
+use retina_sky::ephemeris::{Ephemeris, EphemerisError};
+use retina_sky::planets::Planet;
 
 /// The Sun, then the bodies of [`Planet::ALL`].
 pub const BODIES: usize = 10;
@@ -24,8 +24,8 @@ impl EphemerisTable {
     /// Tabulates a span (TDB seconds since J2000), with a margin for light-time.
     ///
     /// # Errors
-    /// The span reaches beyond the ephemeris.
-    pub fn new(span_s: [f64; 2]) -> Result<Self, EphemerisError> {
+    /// The span reaches beyond the ephemeris, or kernels lack a planet.
+    pub fn new(ephemeris: &Ephemeris, span_s: [f64; 2]) -> Result<Self, EphemerisError> {
         let start_s = span_s[0] - 4.0 * STEP_S;
         let count = ((span_s[1] - start_s) / STEP_S).ceil().max(0.0) as usize + POINTS;
         let rows = (0..count)
@@ -33,9 +33,9 @@ impl EphemerisTable {
             .map(|row| {
                 let tdb_s = start_s + row as f64 * STEP_S;
                 let mut bodies = [DVec3::ZERO; BODIES];
-                bodies[0] = SolarSystem::at(tdb_s)?.sun.position_m;
+                bodies[0] = ephemeris.solar_system(tdb_s)?.sun.position_m;
                 for (body, planet) in bodies[1..].iter_mut().zip(Planet::ALL) {
-                    *body = position_m(planet, tdb_s)?;
+                    *body = ephemeris.position_m(planet, tdb_s)?;
                 }
                 Ok(bodies)
             })
@@ -94,14 +94,15 @@ mod tests {
     #[test]
     fn between_its_rows_the_table_is_the_theories_within_metres() {
         let start = 8e8;
-        let table = EphemerisTable::new([start, start + 10.0 * 86_400.0]).unwrap();
+        let ephemeris = Ephemeris::analytic();
+        let table = EphemerisTable::new(&ephemeris, [start, start + 10.0 * 86_400.0]).unwrap();
         for fraction in [0.0, 0.13, 0.5, 0.77, 1.0] {
             let tdb_s = start + fraction * 10.0 * 86_400.0;
             for planet in Planet::ALL {
-                let off = table.planet(planet, tdb_s).distance(position_m(planet, tdb_s).unwrap());
+                let off = table.planet(planet, tdb_s).distance(ephemeris.position_m(planet, tdb_s).unwrap());
                 assert!(off < 50.0, "{}: {off} m", planet.name());
             }
-            assert!(table.sun(tdb_s).distance(SolarSystem::at(tdb_s).unwrap().sun.position_m) < 1.0);
+            assert!(table.sun(tdb_s).distance(ephemeris.solar_system(tdb_s).unwrap().sun.position_m) < 1.0);
         }
     }
 }

@@ -38,18 +38,20 @@ pub fn tangent_axes(direction: DVec3) -> [DVec3; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use retina_sky::ephemeris::Ephemeris;
     use retina_sky::observer::Observer;
     use retina_sky::planets::seen_planet;
 
     #[test]
     fn the_table_shows_planets_where_the_theories_show_them() {
         let tdb_s = 8.2e8;
-        let table = EphemerisTable::new([tdb_s, tdb_s + 86_400.0]).unwrap();
+        let ephemeris = Ephemeris::analytic();
+        let table = EphemerisTable::new(&ephemeris, [tdb_s, tdb_s + 86_400.0]).unwrap();
         let state = PhaseState {
             position_m: DVec3::new(1.5e11, -1.2e11, -6e10),
             velocity_m_s: DVec3::new(15e3, 18e3, 7e3),
         };
-        let observer = Observer::new(tdb_s, state.position_m, Some(state.velocity_m_s)).unwrap();
+        let observer = Observer::new(&ephemeris, tdb_s, state.position_m, Some(state.velocity_m_s)).unwrap();
         for planet in
             [Planet::Mercury, Planet::Venus, Planet::Earth, Planet::Mars, Planet::Jupiter, Planet::Saturn]
         {

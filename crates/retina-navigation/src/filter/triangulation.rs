@@ -107,6 +107,8 @@ fn inverse(information: DMat3) -> Option<DMat3> {
 
 #[cfg(test)]
 mod tests {
+    use retina_sky::ephemeris::Ephemeris;
+
     use super::*;
 
     fn scene() -> (EphemerisTable, f64, PhaseState) {
@@ -115,7 +117,7 @@ mod tests {
             position_m: DVec3::new(1.9e11, -0.7e11, -3e10),
             velocity_m_s: DVec3::new(9e3, 20e3, 8e3),
         };
-        (EphemerisTable::new([tdb_s, tdb_s + 86_400.0]).unwrap(), tdb_s, state)
+        (EphemerisTable::new(&Ephemeris::analytic(), [tdb_s, tdb_s + 86_400.0]).unwrap(), tdb_s, state)
     }
 
     #[test]

@@ -7,6 +7,7 @@ use retina_batch::{BackendChoice, Selection};
 use retina_bench::OpticsDetail;
 use retina_files::InputError;
 use retina_scene::Compensation;
+use retina_sky::ephemeris::Ephemeris;
 
 use super::filter::{FilterOptions, run_filter};
 use super::report::Sequence;
@@ -49,6 +50,7 @@ pub fn run_scenario(
         ("downstream", 0, ImageKind::Camera, true),
         ("upstream", 1, ImageKind::Camera, false),
     ];
+    let ephemeris = &chain.scene().ephemeris;
     let mut sequences = Vec::new();
     for (label, screen, kind, calibrated) in kinds {
         watcher.step(&format!("navigating, {label}"));
@@ -68,12 +70,13 @@ pub fn run_scenario(
             pointing_sigma_rad: if kind == ImageKind::Camera { pointing } else { 0.0 },
         })?;
         let list = out.join(format!("{label}.jsonl"));
-        sequences.push(navigate(&source, label, Some(&list), Some(&scenario.filter), watcher)?);
+        sequences.push(navigate(&source, label, Some(&list), Some(&scenario.filter), ephemeris, watcher)?);
     }
     Ok(sequences)
 }
 
-/// Measures a sequence's frames and runs the filter over them where there is one to run.
+/// Measures a sequence's frames and runs the filter over them where there is one to run; the ephemeris says where it
+/// takes Sun, Earth and Moon to be.
 ///
 /// # Errors
 /// A frame does not fit, or the list is another sequence's.
@@ -82,6 +85,7 @@ pub fn navigate(
     label: &str,
     list: Option<&Path>,
     filter: Option<&FilterOptions>,
+    ephemeris: &Ephemeris,
     watcher: &mut dyn Watcher,
 ) -> Result<Sequence, InputError> {
     let all = source.frames.len();
@@ -91,7 +95,7 @@ pub fn navigate(
     let radius_m = truths.first().map_or(0.0, |truth| truth.limb_body().mean_radius_m());
     let filter = match filter {
         None => Err("not asked for".to_owned()),
-        Some(options) => run_filter(&frames, &truths, options).map_err(|error| error.to_string()),
+        Some(options) => run_filter(&frames, &truths, options, ephemeris).map_err(|error| error.to_string()),
     };
     let summary = summarise(&frames, radius_m);
     Ok(Sequence { label: label.to_owned(), frames, summary, filter })

@@ -12,6 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng as _;
 use rand_distr::{Distribution as _, StandardNormal};
 use retina_files::InputError;
+use retina_sky::ephemeris::Ephemeris;
 use serde::{Deserialize, Serialize};
 
 use super::moon_motion::{MOTION, MoonMotion};
@@ -87,6 +88,8 @@ pub struct FilterStep {
 pub struct FilterResult {
     /// What it was told.
     pub options: FilterOptions,
+    /// Where it takes Sun, Earth and Moon from: `analytic`, or kernels by name.
+    pub ephemeris: String,
     /// By frame.
     #[serde(skip)]
     pub steps: Vec<FilterStep>,
@@ -236,6 +239,7 @@ pub fn run_filter(
     results: &[FrameResult],
     truths: &[FrameTruth],
     options: &FilterOptions,
+    ephemeris: &Ephemeris,
 ) -> Result<FilterResult, InputError> {
     let place = "filter";
     let ordered = truths.windows(2).all(|pair| pair[1].time_s > pair[0].time_s);
@@ -245,9 +249,13 @@ pub fn run_filter(
             .expected("two at least, with rising time"));
     }
     let span_s = [truths[0].time_s, truths[truths.len() - 1].time_s];
-    let motion =
-        MoonMotion::new(span_s, options.acceleration_sigma_m_s2, 3600.0 * options.acceleration_time_h)
-            .map_err(|error| InputError::new(place, error.to_string()))?;
+    let motion = MoonMotion::new(
+        ephemeris,
+        span_s,
+        options.acceleration_sigma_m_s2,
+        3600.0 * options.acceleration_time_h,
+    )
+    .map_err(|error| InputError::new(place, error.to_string()))?;
     let mut random = ChaCha8Rng::seed_from_u64(options.seed ^ 0x006c_756d_696f);
     let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
     let first = &truths[0];
@@ -291,7 +299,7 @@ pub fn run_filter(
             .found(format!("{:.1} h", (span_s[1] - span_s[0]) / 3600.0))
             .expected(format!("more than {} h", options.settle_h)));
     }
-    Ok(summary(*options, steps, updates, unmodelled(&motion, truths)))
+    Ok(summary(*options, ephemeris.name(), steps, updates, unmodelled(&motion, truths)))
 }
 
 fn step(
@@ -340,6 +348,7 @@ fn unmodelled(motion: &MoonMotion, truths: &[FrameTruth]) -> Option<f64> {
 
 fn summary(
     options: FilterOptions,
+    ephemeris: String,
     steps: Vec<FilterStep>,
     updates: usize,
     unmodelled_m_s2: Option<f64>,
@@ -353,6 +362,7 @@ fn summary(
     let nis: Vec<f64> = settled.iter().filter_map(|s| s.nis).collect();
     FilterResult {
         options,
+        ephemeris,
         updates,
         unmodelled_m_s2,
         bias_km: [0, 1, 2].map(|k| mean(&|s| s.error_m[k] * 1e-3)),

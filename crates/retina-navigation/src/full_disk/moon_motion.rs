@@ -2,7 +2,7 @@
 //! acceleration that is not modelled.
 
 use glam::{DMat3, DVec3};
-use retina_sky::ephemeris::EphemerisError;
+use retina_sky::ephemeris::{Ephemeris, EphemerisError};
 
 use crate::filter::{EphemerisTable, GM_M3_S2, runge_kutta};
 
@@ -35,11 +35,12 @@ impl MoonMotion {
     /// # Errors
     /// The span reaches beyond the ephemeris.
     pub fn new(
+        ephemeris: &Ephemeris,
         span_s: [f64; 2],
         acceleration_sigma_m_s2: f64,
         acceleration_time_s: f64,
     ) -> Result<Self, EphemerisError> {
-        let ephemeris = EphemerisTable::new(span_s)?;
+        let ephemeris = EphemerisTable::new(ephemeris, span_s)?;
         Ok(Self { ephemeris, acceleration_sigma_m_s2, acceleration_time_s })
     }
 
@@ -138,7 +139,8 @@ mod tests {
     const START_S: f64 = 8.7e8;
 
     fn motion(sigma: f64) -> MoonMotion {
-        MoonMotion::new([START_S, START_S + 20.0 * 86_400.0], sigma, 86_400.0).unwrap()
+        MoonMotion::new(&Ephemeris::analytic(), [START_S, START_S + 20.0 * 86_400.0], sigma, 86_400.0)
+            .unwrap()
     }
 
     #[test]

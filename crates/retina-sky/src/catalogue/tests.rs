@@ -4,6 +4,7 @@ use glam::DVec3;
 use proptest::prelude::*;
 
 use super::*;
+use crate::ephemeris::Ephemeris;
 use crate::time::parse_epoch;
 
 const ARCSEC: f64 = std::f64::consts::PI / 648_000.0;
@@ -93,7 +94,7 @@ fn a_cone_holds_what_a_search_of_all_stars_finds() {
     let position_m = DVec3::new(-3.0, 2.5, 1.0) * ASTRONOMICAL_UNIT_M;
     // The second moves at a tenth of light's speed: aberration of 5.7 deg shows a cone drawn too narrowly.
     for velocity_m_s in [DVec3::new(-1e4, -1e4, 3e3), DVec3::new(0.0, 2.1e7, 2.1e7)] {
-        let observer = Observer::new(tdb_s, position_m, Some(velocity_m_s)).unwrap();
+        let observer = Observer::new(&Ephemeris::analytic(), tdb_s, position_m, Some(velocity_m_s)).unwrap();
         for (axis, half_angle_rad, faintest) in [
             (DVec3::new(0.1, -0.9, 0.3).normalize(), 0.176, 8.25),
             (DVec3::Z, 0.01, 8.4),
@@ -120,7 +121,7 @@ fn doubtful_entries_are_kept_but_not_seen() {
     let catalogue = StarCatalogue::embedded();
     let doubtful = catalogue.hipparcos(59_273).unwrap();
     assert!(doubtful.notes.doubtful);
-    let observer = Observer::new(0.0, DVec3::ZERO, None).unwrap();
+    let observer = Observer::new(&Ephemeris::analytic(), 0.0, DVec3::ZERO, None).unwrap();
     let seen = catalogue.in_cone(&observer, doubtful.direction, 20.0 * ARCSEC, 8.4);
     assert_eq!(seen.iter().map(|seen| seen.star.id.to_string()).collect::<Vec<_>>(), ["HIP 59272"]);
 }

@@ -16,12 +16,18 @@ fn the_default_is_the_papers() {
 #[test]
 fn each_frame_has_its_planet_in_the_field_and_the_sun_far_off() {
     let wanted = few(300);
-    let (trajectory, planets) = wanted.generate().unwrap();
+    let (trajectory, planets) = wanted.generate(&Ephemeris::analytic()).unwrap();
     assert_eq!((trajectory.frames.len(), planets.len()), (300, 300));
     let edge = wanted.field_rad.map(|angle| (angle / 2.0).tan());
     for (pose, planet) in trajectory.frames.iter().zip(&planets) {
         assert!(pose.time_s >= wanted.epochs_tdb_s[0] && pose.time_s <= wanted.epochs_tdb_s[1]);
-        let observer = Observer::new(pose.time_s, pose.camera_position_m, pose.camera_velocity_m_s).unwrap();
+        let observer = Observer::new(
+            &Ephemeris::analytic(),
+            pose.time_s,
+            pose.camera_position_m,
+            pose.camera_velocity_m_s,
+        )
+        .unwrap();
         let seen = seen_planet(&observer, *planet).unwrap().unwrap();
         let r = pose.camera_from_inertial * seen.direction;
         assert!((r.x / r.z).abs() <= edge[0] + 1e-12 && (r.y / r.z).abs() <= edge[1] + 1e-12 && r.z > 0.0);
@@ -53,7 +59,7 @@ fn each_frame_has_its_planet_in_the_field_and_the_sun_far_off() {
 #[test]
 fn field_and_roll_are_filled_evenly() {
     let wanted = DeepSpace { planets: vec![Planet::Jupiter], ..few(400) };
-    let (trajectory, planets) = wanted.generate().unwrap();
+    let (trajectory, planets) = wanted.generate(&Ephemeris::analytic()).unwrap();
     assert!(planets.iter().all(|planet| *planet == Planet::Jupiter));
     // Chi-squared of 8 bins, 7 degrees of freedom: beyond 24.3 once in a thousand.
     let even = |values: Vec<f64>| {
@@ -68,8 +74,13 @@ fn field_and_roll_are_filled_evenly() {
     let tangents = |axis: usize| -> Vec<f64> {
         let edge = (wanted.field_rad[axis] / 2.0).tan();
         let place = |pose: &FramePose| {
-            let observer =
-                Observer::new(pose.time_s, pose.camera_position_m, pose.camera_velocity_m_s).unwrap();
+            let observer = Observer::new(
+                &Ephemeris::analytic(),
+                pose.time_s,
+                pose.camera_position_m,
+                pose.camera_velocity_m_s,
+            )
+            .unwrap();
             let seen = seen_planet(&observer, Planet::Jupiter).unwrap().unwrap();
             let r = pose.camera_from_inertial * seen.direction;
             ([r.x, r.y][axis] / r.z / edge + 1.0) / 2.0
@@ -80,7 +91,13 @@ fn field_and_roll_are_filled_evenly() {
     even(tangents(1));
     // The turn about the planet's line of sight, from the attitude that is turned least.
     let roll = |pose: &FramePose| {
-        let observer = Observer::new(pose.time_s, pose.camera_position_m, pose.camera_velocity_m_s).unwrap();
+        let observer = Observer::new(
+            &Ephemeris::analytic(),
+            pose.time_s,
+            pose.camera_position_m,
+            pose.camera_velocity_m_s,
+        )
+        .unwrap();
         let seen = seen_planet(&observer, Planet::Jupiter).unwrap().unwrap();
         let facing = DQuat::from_rotation_arc(seen.direction, DVec3::Z);
         let aside = DQuat::from_rotation_arc(DVec3::Z, pose.camera_from_inertial * seen.direction);
@@ -92,24 +109,24 @@ fn field_and_roll_are_filled_evenly() {
 
 #[test]
 fn a_frame_does_not_depend_on_how_many_there_are() {
-    let (long, _) = few(20).generate().unwrap();
-    let (short, _) = few(5).generate().unwrap();
+    let (long, _) = few(20).generate(&Ephemeris::analytic()).unwrap();
+    let (short, _) = few(5).generate(&Ephemeris::analytic()).unwrap();
     assert_eq!(long.frames[..5], short.frames[..]);
-    let (other, _) = DeepSpace { seed: 8, ..few(5) }.generate().unwrap();
+    let (other, _) = DeepSpace { seed: 8, ..few(5) }.generate(&Ephemeris::analytic()).unwrap();
     assert!(other.frames.iter().zip(&short.frames).all(|(a, b)| a != b));
     assert!(short.frames[0] != short.frames[1]);
 }
 
 #[test]
 fn the_table_comes_back_bit_for_bit() {
-    let (trajectory, _) = few(40).generate().unwrap();
+    let (trajectory, _) = few(40).generate(&Ephemeris::analytic()).unwrap();
     let back = Trajectory::parse(Path::new("poses.csv"), &trajectory.to_csv(), &[]).unwrap();
     assert_eq!(back.frames, trajectory.frames);
 }
 
 #[test]
 fn what_cannot_be_made_is_refused() {
-    let refused = |wanted: DeepSpace| wanted.generate().unwrap_err().to_string();
+    let refused = |wanted: DeepSpace| wanted.generate(&Ephemeris::analytic()).unwrap_err().to_string();
     assert!(refused(few(0)).contains("one of its frames"));
     assert!(refused(DeepSpace { planets: Vec::new(), ..few(1) }).contains("one of its planets"));
     for (wanted, expected) in [

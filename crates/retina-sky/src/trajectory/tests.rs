@@ -81,7 +81,7 @@ fn what_does_not_fit_is_refused_with_its_place_and_mend() {
 #[test]
 fn a_written_trajectory_reads_back_bit_for_bit() {
     let halo = crate::halo::LumioHalo { frames: 40, step_s: 7000.0, ..Default::default() };
-    let (made, _) = halo.generate().unwrap();
+    let (made, _) = halo.generate(&crate::ephemeris::Ephemeris::analytic()).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("poses.csv");
     retina_files::write_atomic(&path, made.to_csv().as_bytes()).unwrap();
@@ -92,7 +92,9 @@ fn a_written_trajectory_reads_back_bit_for_bit() {
 
 #[test]
 fn frames_that_lack_a_column_leave_an_empty_cell() {
-    let (mut made, _) = crate::halo::LumioHalo { frames: 2, ..Default::default() }.generate().unwrap();
+    let (mut made, _) = crate::halo::LumioHalo { frames: 2, ..Default::default() }
+        .generate(&crate::ephemeris::Ephemeris::analytic())
+        .unwrap();
     made.frames[1].sun_position_m = None;
     let error = Trajectory::parse(Path::new("p.csv"), &made.to_csv(), &["moon".to_owned()]).unwrap_err();
     assert_eq!(error.place, Place::Cell(3, "sun_x_m".to_owned()));

@@ -133,7 +133,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
                 ));
             }
             let used = summary.attitude_found_percent * summary.planet_found_percent * 1e-4;
-            let result = run_transfer(transfer, sigma_rad, used, scenario.seed)?;
+            let result = run_transfer(transfer, &scenario.ephemeris, sigma_rad, used, scenario.seed)?;
             let imaged = imaged(&scenario, transfer, &arguments.out)?;
             write(&arguments.out, "figure-13.svg", &report::figure_13(&result, imaged.as_ref()))?;
             if let Some(last) = result.sessions.last() {

@@ -1,6 +1,6 @@
 //! `retina navigate full-disk`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use retina_files::InputError;
 use retina_navigation::experiment::Watcher as _;
@@ -9,6 +9,7 @@ use retina_navigation::full_disk::{
     run_scenario,
 };
 use retina_navigation::limb::LimbOptions;
+use retina_sky::ephemeris::Ephemeris;
 
 use super::frames_folder::FramesFolder;
 use super::steps::{Steps, write};
@@ -40,6 +41,10 @@ pub(crate) struct Arguments {
     /// the screen's].
     #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
     pointing_sigma_arcsec: Option<f64>,
+    /// SPK kernel that says where the filter takes Sun, Earth and Moon to be; may be repeated, of those that have a body
+    /// the last counts [default: analytical theories].
+    #[arg(long, value_name = "FILE.bsp")]
+    ephemeris: Vec<PathBuf>,
 }
 
 /// A standard deviation.
@@ -55,6 +60,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if folder.is_scenario()? {
         return scenario(arguments);
     }
+    let ephemeris = Ephemeris::read(&arguments.ephemeris)?;
     let source = Source::open(arguments.choice()?)?;
     let list = folder.frames_list()?;
     for note in &source.notes {
@@ -63,7 +69,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut steps = Steps::new();
     let label = folder.label();
     steps.step("navigating");
-    let sequence = navigate(&source, &label, list.as_deref(), Some(&FilterOptions::default()), &mut steps)?;
+    let options = FilterOptions::default();
+    let sequence = navigate(&source, &label, list.as_deref(), Some(&options), &ephemeris, &mut steps)?;
     steps.finish();
     let document = report::document(&source, &sequence);
     folder.write_results("full-disk", &[("json", &format!("{document:#}\n"))])?;
@@ -80,6 +87,7 @@ fn scenario(arguments: &Arguments) -> Result<(), Failure> {
     let out = folder.scenario_out(&[
         ("--kind", arguments.kind.is_some()),
         ("--pointing-sigma-arcsec", arguments.pointing_sigma_arcsec.is_some()),
+        ("--ephemeris", !arguments.ephemeris.is_empty()),
         ("--limb-height-m", arguments.limb_height_m != 0.0),
         ("--limb-height-sigma-m", arguments.limb_height_sigma_m != 0.0),
     ])?;

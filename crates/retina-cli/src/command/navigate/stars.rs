@@ -10,7 +10,7 @@ use retina_image::{CameraImage, DetectOptions, ReadOptions};
 use retina_navigation::image::{ImageContext, ImageResult, solve_image};
 use retina_navigation::planets::{PAPER_POSITION_SIGMA_M, PriorPosition};
 use retina_navigation::stars::{SolverOptions, StarCamera, StarSolver};
-use retina_sky::ephemeris::SolarSystem;
+use retina_sky::ephemeris::{Ephemeris, State};
 use retina_sky::observer::Observer;
 use retina_sky::time::parse_epoch;
 use serde_json::{Value, json};
@@ -44,6 +44,10 @@ pub(crate) struct Arguments {
     /// Its velocity, barycentric ICRF m/s: corrects for aberration [default with `earth`: the Earth's].
     #[arg(long, value_name = "X,Y,Z", requires = "position_m", allow_hyphen_values = true)]
     velocity_m_s: Option<String>,
+    /// SPK kernel that says where Sun, Moon and planets are; may be repeated, of those that have a body the last counts
+    /// [default: analytical theories].
+    #[arg(long, value_name = "FILE.bsp", requires = "position_m")]
+    ephemeris: Vec<PathBuf>,
     /// Uncertainty of the position (3 sigma), km.
     #[arg(long, default_value_t = 3e-3 * PAPER_POSITION_SIGMA_M)]
     position_3_sigma_km: f64,
@@ -85,7 +89,8 @@ enum Optics {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let optics = arguments.optics()?;
-    let (tdb_s, context) = arguments.context()?;
+    let ephemeris = Ephemeris::read(&arguments.ephemeris)?;
+    let (tdb_s, context) = arguments.context(&ephemeris)?;
     let mut prepared: BTreeMap<[u32; 2], (StarCamera, StarSolver)> = BTreeMap::new();
     let (mut documents, mut refused, mut worst_arcsec) = (Vec::new(), 0, 0.0f64);
     let mut unreadable = None;
@@ -127,7 +132,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         print_json(&json!({
             "schema": "retina.navigation-stars/1",
             "images": documents,
-            "aberration_corrected": arguments.velocity()?.is_some(),
+            "aberration_corrected": arguments.velocity(&ephemeris)?.is_some(),
+            "ephemeris": context.observer.map(|observer| observer.ephemeris().name()),
             "epoch": arguments.time.clone().map_or(json!("J2020.0 (assumed)"), Value::from),
         }))?;
     }
@@ -207,7 +213,7 @@ impl Arguments {
     }
 
     /// The epoch, and what goes with a position.
-    fn context(&self) -> Result<(Option<f64>, ImageContext), Failure> {
+    fn context(&self, ephemeris: &Ephemeris) -> Result<(Option<f64>, ImageContext), Failure> {
         let rms_arcsec = self.rms_arcsec.unwrap_or(1.0);
         for (flag, value, fits, expected) in [
             ("--focal-percent", self.focal_percent, (0.0..=20.0).contains(&self.focal_percent), "0 to 20"),
@@ -235,29 +241,30 @@ impl Arguments {
         // Without a position there is no parallax, no deflection and no aberration, only proper motion.
         let position = match self.position_m.as_deref() {
             None => return Ok((Some(tdb_s), ImageContext::default())),
-            Some("earth") => self.earth(tdb_s)?.position_m,
+            Some("earth") => earth(ephemeris, tdb_s)?.position_m,
             Some(text) => vector("--position-m", text)?,
         };
-        let observer = Observer::new(tdb_s, position, self.velocity()?)
+        let observer = Observer::new(ephemeris, tdb_s, position, self.velocity(ephemeris)?)
             .map_err(|error| Failure::new(error.to_string()))?;
-        let prior = PriorPosition { observer, sigma_m: 1e3 * self.position_3_sigma_km / 3.0 };
+        let prior =
+            PriorPosition { observer: observer.clone(), sigma_m: 1e3 * self.position_3_sigma_km / 3.0 };
         Ok((Some(tdb_s), ImageContext { observer: Some(observer), prior: Some(prior) }))
     }
 
-    fn velocity(&self) -> Result<Option<DVec3>, Failure> {
+    fn velocity(&self, ephemeris: &Ephemeris) -> Result<Option<DVec3>, Failure> {
         match (self.velocity_m_s.as_deref(), self.position_m.as_deref(), &self.time) {
             (Some(text), ..) => vector("--velocity-m-s", text).map(Some),
             (None, Some("earth"), Some(time)) => {
                 let tdb_s = parse_epoch(time).map_err(|error| Failure::new(format!("--time: {error}")))?;
-                Ok(Some(self.earth(tdb_s)?.velocity_m_s))
+                Ok(Some(earth(ephemeris, tdb_s)?.velocity_m_s))
             }
             _ => Ok(None),
         }
     }
+}
 
-    fn earth(&self, tdb_s: f64) -> Result<retina_sky::ephemeris::State, Failure> {
-        Ok(SolarSystem::at(tdb_s).map_err(|error| Failure::new(error.to_string()))?.earth)
-    }
+fn earth(ephemeris: &Ephemeris, tdb_s: f64) -> Result<State, Failure> {
+    Ok(ephemeris.solar_system(tdb_s).map_err(|error| Failure::new(error.to_string()))?.earth)
 }
 
 /// `11.4` or `10..13`, degrees.
