@@ -39,131 +39,248 @@ const MOST_ROUNDS: usize = 30;
 /// Half the largest window, pixels.
 const LARGEST_HALF_PX: usize = 32;
 
-/// Iterates the Gaussian-weighted mean from a start; `weight_sigma_px` is the weight's standard deviation.
-/// `None` where no light is left or the window does not fit into the image.
+/// The Gaussian weight and where it ends.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Window {
+    /// Standard deviation of the spots that it is for, px.
+    pub(crate) spot_sigma_px: f64,
+    /// Its own, px.
+    pub(crate) sigma_px: f64,
+    /// A step shorter than this ends the iteration, px; it is taken yet.
+    pub(crate) settled_px: f64,
+}
+
+impl Window {
+    /// Matched to spots of a width, for their centroids: settled within a tenth of the best ones' error (0.001 px at a
+    /// signal-to-noise ratio of 1000).
+    pub(crate) fn matched(spot_sigma_px: f64) -> Self {
+        Self { spot_sigma_px, sigma_px: spot_sigma_px * WEIGHT_RATIO.sqrt(), settled_px: 1e-4 }
+    }
+}
+
+/// Light above a plane: the background about a place.
+struct Ground {
+    at: [f64; 2],
+    level: f64,
+    slope: [f64; 2],
+}
+
+impl Ground {
+    fn about(background: &Background, [x, y]: [f64; 2]) -> Self {
+        let slope = [
+            (background.level_dn(x + 4.0, y) - background.level_dn(x - 4.0, y)) / 8.0,
+            (background.level_dn(x, y + 4.0) - background.level_dn(x, y - 4.0)) / 8.0,
+        ];
+        Self { at: [x, y], level: background.level_dn(x, y), slope }
+    }
+
+    fn dn(&self, x: f64, y: f64) -> f64 {
+        self.level + self.slope[0] * (x - self.at[0]) + self.slope[1] * (y - self.at[1])
+    }
+}
+
+/// Iterates the Gaussian-weighted mean from a start. `None` where no light is left or the window does not fit into the
+/// image.
 pub(crate) fn windowed(
     image: &CameraImage,
     background: &Background,
     start: [f64; 2],
-    spot_sigma_px: f64,
-    weight_sigma_px: f64,
+    window: Window,
     skip: &[[usize; 2]],
 ) -> Option<Windowed> {
     let size = [image.width_px as f64, image.height_px as f64];
-    let reach = (3.0 * weight_sigma_px).min(LARGEST_HALF_PX as f64 - 1.0);
+    let sigma = window.sigma_px;
+    let reach = (3.0 * sigma).min(LARGEST_HALF_PX as f64 - 1.0);
+    let ground = Ground::about(background, start);
     let [mut x, mut y] = start;
-    let level = background.level_dn(x, y);
-    let slope = [
-        (background.level_dn(x + 4.0, y) - background.level_dn(x - 4.0, y)) / 8.0,
-        (background.level_dn(x, y + 4.0) - background.level_dn(x, y - 4.0)) / 8.0,
-    ];
-    let at = [x, y];
     // The spot's own width makes the weighted mean fall short of the shift by this factor.
-    let step = 1.0 + (spot_sigma_px / weight_sigma_px).powi(2);
+    let step = 1.0 + (window.spot_sigma_px / sigma).powi(2);
     let mut converged = false;
     let mut round = 0;
+    let mut weights = [AxisWeights::EMPTY; 2];
     loop {
         // The window is cut alike on both sides, so that an edge does not pull.
         let half = [0, 1].map(|k| reach.min([x, y][k].min(size[k] - [x, y][k])));
-        if half.iter().any(|&h| h < weight_sigma_px) {
+        if half.iter().any(|&h| h < sigma) {
             return None;
         }
-        let weights = [axis_weights(x, half[0], weight_sigma_px), axis_weights(y, half[1], weight_sigma_px)];
-        let last = converged || round == MOST_ROUNDS;
-        let mut sums = [0.0f64; 6];
-        let mut noise = [0.0f64; 4];
-        let (x0, y0) = (weights[0].first, weights[1].first);
-        for (row, &wy) in weights[1].values[..weights[1].count].iter().enumerate() {
-            let dy = (y0 + row) as f64 + 0.5 - y;
-            let pixels = &image.row(y0 + row)[x0..x0 + weights[0].count];
-            let ground = level + slope[1] * (dy + y - at[1]) - slope[0] * at[0];
-            let mut line = [0.0f64; 3];
-            let mut line_noise = [0.0f64; 4];
-            for (column, (&wx, &value)) in weights[0].values.iter().zip(pixels).enumerate() {
-                let place = (x0 + column) as f64 + 0.5;
-                let dx = place - x;
-                if !skip.is_empty() && skip.contains(&[x0 + column, y0 + row]) {
-                    continue;
-                }
-                let light = f64::from(value) - ground - slope[0] * place;
-                let weighted = wx * light;
-                line[0] += weighted;
-                line[1] += weighted * dx;
-                if last {
-                    line[2] += weighted * dx * dx;
-                    let w2 = wx * wx;
-                    line_noise[0] += w2;
-                    line_noise[1] += w2 * light;
-                    line_noise[2] += w2 * dx * dx;
-                    line_noise[3] += w2 * dx * dx * light;
-                }
-            }
-            sums[0] += wy * line[0];
-            sums[1] += wy * line[1];
-            sums[2] += wy * dy * line[0];
-            if last {
-                let w2 = wy * wy;
-                sums[3] += wy * line[2];
-                sums[4] += wy * dy * line[1];
-                sums[5] += wy * dy * dy * line[0];
-                noise[0] += w2 * line_noise[0];
-                noise[1] += w2 * line_noise[1];
-                noise[2] += 0.5 * w2 * (line_noise[2] + dy * dy * line_noise[0]);
-                noise[3] += 0.5 * w2 * (line_noise[3] + dy * dy * line_noise[1]);
-            }
+        weights[0].set(x, half[0], sigma);
+        weights[1].set(y, half[1], sigma);
+        if converged || round == MOST_ROUNDS {
+            return measured(image, &ground, [x, y], &weights, skip, converged);
         }
-        if sums[0] <= 0.0 {
+        let [light, mx, my] = means(image, &ground, [x, y], &weights, skip);
+        if light <= 0.0 {
             return None;
         }
-        let [mx, my] = [sums[1] / sums[0], sums[2] / sums[0]];
-        if last {
-            return Some(Windowed {
-                x_px: x,
-                y_px: y,
-                light_dn: sums[0],
-                moments_px2: [
-                    sums[3] / sums[0] - mx * mx,
-                    sums[4] / sums[0] - mx * my,
-                    sums[5] / sums[0] - my * my,
-                ],
-                spread: [noise[2], noise[3]],
-                squares: [noise[0], noise[1]],
-                converged,
-            });
-        }
-        // A tenth of the best centroids' error (0.001 px at a signal-to-noise ratio of 1000); the step is taken yet.
-        converged = step * mx.hypot(my) < 1e-4;
+        let [mx, my] = [mx / light, my / light];
+        converged = step * mx.hypot(my) < window.settled_px;
         // A step beyond the spot's width means that something else pulls.
-        let limit = weight_sigma_px;
-        x += (step * mx).clamp(-limit, limit);
-        y += (step * my).clamp(-limit, limit);
-        if (x - start[0]).hypot(y - start[1]) > 4.0 * weight_sigma_px {
+        x += (step * mx).clamp(-sigma, sigma);
+        y += (step * my).clamp(-sigma, sigma);
+        if (x - start[0]).hypot(y - start[1]) > 4.0 * sigma {
             return None;
         }
         round += 1;
     }
 }
 
+/// Sums of weight times light, and of the same times the offsets (x, y) from the centre.
+///
+/// Columns are summed down first, side by side, and joined by their weights at the end.
+fn means(
+    image: &CameraImage,
+    ground: &Ground,
+    [x, y]: [f64; 2],
+    [across, down]: &[AxisWeights; 2],
+    skip: &[[usize; 2]],
+) -> [f64; 3] {
+    let mut columns = [[0.0f64; MOST_WEIGHTS]; 2];
+    let count = across.count;
+    let [sums, moments] = &mut columns;
+    let (sums, moments) = (&mut sums[..count], &mut moments[..count]);
+    // The background's slope along x is the same in all rows: it is taken off the columns' sums.
+    let mut total = [0.0; 2];
+    for (row, &weight) in down.values().iter().enumerate() {
+        let dy = down.offset(row, y);
+        let level = ground.dn(x, y + dy);
+        let with_offset = weight * dy;
+        let pixels = &image.row(down.first + row)[across.first..across.first + count];
+        for ((sum, moment), value) in sums.iter_mut().zip(moments.iter_mut()).zip(pixels) {
+            let light = f64::from(*value) - level;
+            *sum += weight * light;
+            *moment += with_offset * light;
+        }
+        total = [total[0] + weight, total[1] + with_offset];
+    }
+    for &[column, row] in skip {
+        if let (Some(c), Some(r)) = (across.index(column), down.index(row)) {
+            let (weight, dy) = (down.values[r], down.offset(r, y));
+            // What the slope takes off a column is not taken off here.
+            let light = f64::from(image.at(column, row)) - ground.dn(across.offset(c, x) + x, y + dy);
+            sums[c] -= weight * light;
+            moments[c] -= weight * dy * light;
+        }
+    }
+    let mut out = [0.0; 3];
+    for (column, &weight) in across.values().iter().enumerate() {
+        let dx = across.offset(column, x);
+        let tilt = ground.slope[0] * dx;
+        let sum = sums[column] - tilt * total[0];
+        out[0] += weight * sum;
+        out[1] += weight * dx * sum;
+        out[2] += weight * (moments[column] - tilt * total[1]);
+    }
+    out
+}
+
+/// All that a window at its place says.
+fn measured(
+    image: &CameraImage,
+    ground: &Ground,
+    [x, y]: [f64; 2],
+    [across, down]: &[AxisWeights; 2],
+    skip: &[[usize; 2]],
+    converged: bool,
+) -> Option<Windowed> {
+    let mut sums = [0.0f64; 6];
+    let mut noise = [0.0f64; 4];
+    for (row, &wy) in down.values().iter().enumerate() {
+        let dy = down.offset(row, y);
+        let pixels = &image.row(down.first + row)[across.first..across.first + across.count];
+        let mut line = [0.0f64; 3];
+        let mut line_noise = [0.0f64; 4];
+        for (column, (&wx, &value)) in across.values().iter().zip(pixels).enumerate() {
+            if skip.contains(&[across.first + column, down.first + row]) {
+                continue;
+            }
+            let dx = across.offset(column, x);
+            let light = f64::from(value) - ground.dn(x + dx, y + dy);
+            let weighted = wx * light;
+            line[0] += weighted;
+            line[1] += weighted * dx;
+            line[2] += weighted * dx * dx;
+            let w2 = wx * wx;
+            line_noise[0] += w2;
+            line_noise[1] += w2 * light;
+            line_noise[2] += w2 * dx * dx;
+            line_noise[3] += w2 * dx * dx * light;
+        }
+        let w2 = wy * wy;
+        sums[0] += wy * line[0];
+        sums[1] += wy * line[1];
+        sums[2] += wy * dy * line[0];
+        sums[3] += wy * line[2];
+        sums[4] += wy * dy * line[1];
+        sums[5] += wy * dy * dy * line[0];
+        noise[0] += w2 * line_noise[0];
+        noise[1] += w2 * line_noise[1];
+        noise[2] += 0.5 * w2 * (line_noise[2] + dy * dy * line_noise[0]);
+        noise[3] += 0.5 * w2 * (line_noise[3] + dy * dy * line_noise[1]);
+    }
+    if sums[0] <= 0.0 {
+        return None;
+    }
+    let [mx, my] = [sums[1] / sums[0], sums[2] / sums[0]];
+    Some(Windowed {
+        x_px: x,
+        y_px: y,
+        light_dn: sums[0],
+        moments_px2: [sums[3] / sums[0] - mx * mx, sums[4] / sums[0] - mx * my, sums[5] / sums[0] - my * my],
+        spread: [noise[2], noise[3]],
+        squares: [noise[0], noise[1]],
+        converged,
+    })
+}
+
+const MOST_WEIGHTS: usize = 2 * LARGEST_HALF_PX + 2;
+
+/// Gaussian weights of pixels along an axis.
+#[derive(Debug, Clone, Copy)]
 struct AxisWeights {
     first: usize,
     count: usize,
-    values: [f64; 2 * LARGEST_HALF_PX + 2],
+    values: [f64; MOST_WEIGHTS],
 }
 
-/// Gaussian weights of the pixels whose centres lie within `half` of `centre`; a pixel that the window's
-/// edge cuts counts by its part inside, so that the sums are smooth in `centre`.
-fn axis_weights(centre: f64, half: f64, sigma: f64) -> AxisWeights {
-    let first = (centre - half).max(0.0) as usize;
-    let mut values = [0.0; 2 * LARGEST_HALF_PX + 2];
-    let mut count = 0;
-    while count < values.len() && ((first + count) as f64) < centre + half {
-        let left = (first + count) as f64;
-        let inside = (left + 1.0).min(centre + half) - left.max(centre - half);
-        let off = (left + 0.5 - centre) / sigma;
-        values[count] = inside * (-0.5 * off * off).exp();
-        count += 1;
+impl AxisWeights {
+    const EMPTY: Self = Self { first: 0, count: 0, values: [0.0; MOST_WEIGHTS] };
+
+    /// Of the pixels whose area is within `half` of `centre`; one that the window's edge cuts counts by its part inside, so
+    /// that the sums are smooth in `centre`.
+    fn set(&mut self, centre: f64, half: f64, sigma: f64) {
+        let first = (centre - half).max(0.0) as usize;
+        let mut count = 0;
+        // g(d + 1) = g(d) r(d) with r(d + 1) = r(d) exp(-1 / sigma^2): three exponentials for all.
+        let squared = 1.0 / (sigma * sigma);
+        let off = first as f64 + 0.5 - centre;
+        let mut weight = (-0.5 * off * off * squared).exp();
+        let mut ratio = (-(off + 0.5) * squared).exp();
+        let ratio_step = (-squared).exp();
+        while count < MOST_WEIGHTS && ((first + count) as f64) < centre + half {
+            let left = (first + count) as f64;
+            let inside = (left + 1.0).min(centre + half) - left.max(centre - half);
+            self.values[count] = inside * weight;
+            weight *= ratio;
+            ratio *= ratio_step;
+            count += 1;
+        }
+        (self.first, self.count) = (first, count);
     }
-    AxisWeights { first, count, values }
+
+    fn values(&self) -> &[f64] {
+        &self.values[..self.count]
+    }
+
+    /// Centre of the k-th pixel less that of the window, px.
+    fn offset(&self, k: usize, centre: f64) -> f64 {
+        (self.first + k) as f64 + 0.5 - centre
+    }
+
+    /// Which of the window's pixels it is.
+    fn index(&self, pixel: usize) -> Option<usize> {
+        pixel.checked_sub(self.first).filter(|k| *k < self.count)
+    }
 }
 
 /// Centre of mass and sum (px, px, DN) of the connected pixels above `threshold_sigma` of noise around a

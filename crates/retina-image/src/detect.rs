@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use rayon::prelude::*;
 
-use crate::centroid::{self, WEIGHT_RATIO, Windowed};
+use crate::candidates::{candidates, nine, without_spikes};
+use crate::centroid::{self, WEIGHT_RATIO, Window, Windowed};
 use crate::plateau::{Plateau, plateau_at};
 use crate::width::WidthMap;
 use crate::{Background, CameraImage, Centroid};
@@ -74,7 +75,7 @@ pub struct LightPoint {
 pub struct Detection {
     /// The points, brightest first.
     pub points: Vec<LightPoint>,
-    /// Single-pixel spikes that were left out: (column, row).
+    /// Single-pixel spikes that were left out: (column, row), row by row.
     pub hot_pixels: Vec<[usize; 2]>,
     /// Typical background, DN.
     pub background_dn: f64,
@@ -156,112 +157,6 @@ fn measured(
     flag_neighbours(&mut points, &widths);
     let [background_dn, noise_dn] = background.median_dn();
     Detection { points, hot_pixels, background_dn, noise_dn, spot_sigma_px: widths.typical_px() }
-}
-
-/// Sum of the 3 x 3 pixels about one that is not on the border, DN.
-fn nine(image: &CameraImage, x: usize, y: usize) -> f64 {
-    (y - 1..=y + 1).map(|row| image.row(row)[x - 1..=x + 1].iter().map(|&v| f64::from(v)).sum::<f64>()).sum()
-}
-
-/// Places whose 3 x 3 sum is above the threshold and a maximum among its neighbours: (column, row).
-fn candidates(image: &CameraImage, background: &Background, threshold_sigma: f64) -> Vec<[usize; 2]> {
-    let (width, height) = (image.width_px as usize, image.height_px as usize);
-    if width < 3 || height < 3 {
-        return Vec::new();
-    }
-    const BLOCK: usize = 16;
-    let bands: Vec<Vec<[usize; 2]>> = (0..(height - 2).div_ceil(32))
-        .into_par_iter()
-        .map(|band| {
-            let mut found = Vec::new();
-            let (mut columns, mut sums, mut threshold) =
-                (vec![0.0f32; width], vec![0.0f32; width], vec![0.0f32; width]);
-            for y in 1 + band * 32..(1 + (band + 1) * 32).min(height - 1) {
-                let (above, own, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
-                for (((sum, a), b), c) in columns.iter_mut().zip(above).zip(own).zip(below) {
-                    *sum = a + b + c;
-                }
-                let thirds = columns.iter().zip(&columns[1..]).zip(&columns[2..]);
-                for (sum, ((a, b), c)) in sums[1..].iter_mut().zip(thirds) {
-                    *sum = a + b + c;
-                }
-                background.fill_row(y, 9.0, 3.0 * threshold_sigma as f32, &mut threshold);
-                for start in (1..width - 1).step_by(BLOCK) {
-                    let end = (start + BLOCK).min(width - 1);
-                    let pairs = sums[start..end].iter().zip(&threshold[start..end]);
-                    if pairs.fold(0u32, |any, (sum, limit)| any | u32::from(sum > limit)) == 0 {
-                        continue;
-                    }
-                    for x in start..end {
-                        let sum = sums[x];
-                        let before = x == 1 || sums[x - 1] < sum;
-                        let after = x + 2 == width || sums[x + 1] <= sum;
-                        if sum > threshold[x] && before && after && is_highest(image, x, y) {
-                            found.push([x, y]);
-                        }
-                    }
-                }
-            }
-            found
-        })
-        .collect();
-    bands.concat()
-}
-
-/// Whether the 3 x 3 sum at a place is at least that of the rows above and below.
-fn is_highest(image: &CameraImage, x: usize, y: usize) -> bool {
-    let (width, height) = (image.width_px as usize, image.height_px as usize);
-    let own = nine(image, x, y);
-    let columns = x.max(2) - 1..=(x + 1).min(width - 2);
-    let above = y == 1 || columns.clone().all(|c| nine(image, c, y - 1) < own);
-    let below = y + 2 == height || columns.clone().all(|c| nine(image, c, y + 1) <= own);
-    above && below
-}
-
-/// Parts the candidates into peaks and single-pixel spikes, whose neighbours have less than `spike_share` of them.
-fn without_spikes(
-    image: &CameraImage,
-    background: &Background,
-    threshold_sigma: f64,
-    spike_share: f64,
-    candidates: &[[usize; 2]],
-) -> (Vec<Peak>, Vec<[usize; 2]>) {
-    let (width, height) = (image.width_px as usize, image.height_px as usize);
-    let mut hot = Vec::new();
-    let mut peaks = Vec::new();
-    for &[x, y] in candidates {
-        let level = background.level_dn(x as f64 + 0.5, y as f64 + 0.5);
-        let noise = background.noise_dn(x as f64 + 0.5, y as f64 + 0.5);
-        let light = |c: usize, r: usize| f64::from(image.at(c, r)) - level;
-        let mut pixel = [x, y];
-        let mut total = 0.0;
-        for r in y - 1..=y + 1 {
-            for c in x - 1..=x + 1 {
-                total += light(c, r);
-                if light(c, r) > light(pixel[0], pixel[1]) {
-                    pixel = [c, r];
-                }
-            }
-        }
-        let [px, py] = pixel;
-        let around = [(px.wrapping_sub(1), py), (px + 1, py), (px, py.wrapping_sub(1)), (px, py + 1)];
-        let inside: Vec<f64> =
-            around.iter().filter(|(c, r)| *c < width && *r < height).map(|&(c, r)| light(c, r)).collect();
-        let neighbours = inside.iter().sum::<f64>() / inside.len() as f64;
-        let top = light(px, py);
-        if neighbours < spike_share * top {
-            if !hot.contains(&pixel) {
-                hot.push(pixel);
-            }
-            total -= top;
-            // Without the spike nothing stands out: it was all there was. Eight pixels are left.
-            if total < threshold_sigma * 8f64.sqrt() * noise {
-                continue;
-            }
-        }
-        peaks.push(Peak { pixel, light_dn: total, centre: [x, y], blended: false });
-    }
-    (peaks, hot)
 }
 
 /// Drops peaks that belong to a brighter one's spot, and marks those that overlap.
@@ -349,8 +244,9 @@ fn measure(
     let start = peak.centre.map(|c| c as f64 + 0.5);
     let spot_sigma_px = widths.at_px(start);
     let skip = near(hot, peak.centre);
-    let weight = spot_sigma_px * WEIGHT_RATIO.sqrt();
-    let window = centroid::windowed(image, background, start, spot_sigma_px, weight, &skip)?;
+    let matched = Window::matched(spot_sigma_px);
+    let weight = matched.sigma_px;
+    let window = centroid::windowed(image, background, start, matched, &skip)?;
     let noise = background.noise_dn(start[0], start[1]);
     let per_dn = options.gain_e_per_dn.map_or(0.0, |gain| 1.0 / gain);
     // Of a Gaussian spot in the window: its light is ratio / (ratio + 1) of the whole, and so is the
@@ -393,9 +289,12 @@ fn measure(
     Some(point)
 }
 
-/// The hot pixels that a window about a place can hold: it asks of each of its pixels whether it is one.
+/// The hot pixels, of those row by row, that a window about a place can hold.
 pub(crate) fn near(hot: &[[usize; 2]], centre: [usize; 2]) -> Vec<[usize; 2]> {
-    hot.iter().filter(|at| (0..2).all(|k| at[k].abs_diff(centre[k]) < 32)).copied().collect()
+    const REACH: usize = 32;
+    let [first, last] = [centre[1].saturating_sub(REACH - 1), centre[1] + REACH]
+        .map(|row| hot.partition_point(|at| at[1] < row));
+    hot[first..last].iter().filter(|at| at[0].abs_diff(centre[0]) < REACH).copied().collect()
 }
 
 /// Points whose centroids are nearer than this are one, px: peaks of a bright spot's own structure, whose windows have

@@ -21,6 +21,7 @@
 
 mod background;
 mod camera_image;
+mod candidates;
 mod centroid;
 mod detect;
 mod plateau;

@@ -2,13 +2,15 @@
 
 use rayon::prelude::*;
 
-use crate::centroid::{self, WEIGHT_RATIO};
+use crate::centroid::{self, Window};
 use crate::detect::{FIRST_SPOT_SIGMA_PX, Peak, near, shape};
 use crate::width_field::{MeasuredWidth, WidthField};
 use crate::{Background, CameraImage};
 
 /// Most spots whose width is measured, the brightest ones.
 const MOST_SPOTS: usize = 400;
+/// A window is centred this well on a spot whose width it measures, px: moments are taken about their own mean.
+const SETTLED_PX: f64 = 0.01;
 /// Windows reach 3 weights, at most 31 px; narrower than half a pixel is no optics' image.
 const RANGE_PX: [f64; 2] = [0.5, 7.0];
 
@@ -84,10 +86,11 @@ fn own_width(
     let mut at = start;
     let mut sigma = FIRST_SPOT_SIGMA_PX;
     for _ in 0..12 {
-        let weight = sigma * WEIGHT_RATIO.sqrt();
-        let window = centroid::windowed(image, background, at, sigma, weight, hot)?;
+        let matched = Window { settled_px: SETTLED_PX, ..Window::matched(sigma) };
+        let window = centroid::windowed(image, background, at, matched, hot)?;
         // Light that is even over the window has no width in it: a wider window is tried.
-        let next = shape(&window, weight).map_or(1.5 * sigma, |s| s.0).clamp(sigma / 1.5, 1.5 * sigma);
+        let next =
+            shape(&window, matched.sigma_px).map_or(1.5 * sigma, |s| s.0).clamp(sigma / 1.5, 1.5 * sigma);
         let next = next.clamp(RANGE_PX[0], RANGE_PX[1]);
         at = [window.x_px, window.y_px];
         let settled = (next / sigma).ln().abs() < 0.01;

@@ -181,6 +181,39 @@ fn of_2000_fields_of_false_stars_none_is_taken_for_the_sky() {
 }
 
 #[test]
+fn the_search_stops_at_its_limit_and_says_so() {
+    let camera = wide();
+    let points = random_points(&camera.pinhole, 60, false, &mut ChaCha8Rng::seed_from_u64(1));
+    let refusal = |most_hypotheses: usize| {
+        let options = SolverOptions { most_hypotheses, ..SolverOptions::default() };
+        StarSolver::new(&camera, options).solve(&points, None).unwrap_err()
+    };
+    let all = match refusal(usize::MAX) {
+        Refusal::NoMatch { hypotheses, stopped: false, .. } => hypotheses,
+        other => panic!("{other}"),
+    };
+    // None is looked at beyond the limit; a known camera's are fewer than the default allows.
+    let most = all / 2;
+    let stopped = refusal(most);
+    assert!(
+        matches!(stopped, Refusal::NoMatch { hypotheses, stopped: true, .. } if hypotheses == most),
+        "{stopped}"
+    );
+    assert!(stopped.to_string().contains(&format!("of {most} hypotheses")), "{stopped}");
+    assert!(stopped.to_string().contains("the search stopped at that number"), "{stopped}");
+    let whole = refusal(SolverOptions::default().most_hypotheses);
+    assert!(
+        matches!(whole, Refusal::NoMatch { hypotheses, stopped: false, .. } if hypotheses == all),
+        "{whole}"
+    );
+    // A sky is found before a limit that a false one reaches.
+    let (truth, points) = field(&camera.pinhole, &PointNoise::default(), 5);
+    let options = SolverOptions { most_hypotheses: 100, ..SolverOptions::default() };
+    let found = StarSolver::new(&camera, options).solve(&points, Some(&observer())).unwrap();
+    assert!(error_arcsec(found.camera_from_inertial(), truth)[0] < 10.0);
+}
+
+#[test]
 fn an_empty_sky_is_refused() {
     let camera = wide();
     let solver = StarSolver::new(&camera, SolverOptions::default());

@@ -153,7 +153,7 @@ fn zero_point_through(measured: &[(f64, f64)]) -> Option<ZeroPoint> {
     let mean = |of: &dyn Fn(&(f64, f64)) -> f64| measured.iter().map(of).sum::<f64>() / count;
     let (distance, zero) = (mean(&|m| m.0), mean(&|m| m.1));
     let spread = mean(&|m| (m.0 - distance).powi(2));
-    if !(spread > 0.0) {
+    if spread.is_nan() || spread <= 0.0 {
         return None;
     }
     let slope = mean(&|m| (m.0 - distance) * (m.1 - zero)) / spread;

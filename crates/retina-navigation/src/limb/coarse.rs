@@ -1,5 +1,7 @@
 //! The lit blob, and the outline about its outer border: a circle, or an ellipse of known shape.
 
+use std::ops::Range;
+
 use glam::{DMat3, DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
@@ -13,6 +15,8 @@ const LIT_SIGMA: f64 = 6.0;
 const LIT_SHARE: f64 = 0.08;
 /// Trials of three points.
 const TRIALS: usize = 400;
+/// About as many points judge a trial.
+const JUDGES: usize = 200;
 
 /// The outline's shape: an ellipse of these semi-axes over their mean, turned by an angle.
 #[derive(Debug, Clone, Copy)]
@@ -49,28 +53,43 @@ pub(super) struct Coarse {
 
 /// Level and noise of the sky, from the darkest tenth of 32 x 32 px squares, DN.
 fn sky(image: &CameraImage) -> [f64; 2] {
+    const SIDE: usize = 32;
     let (width, height) = (image.width_px as usize, image.height_px as usize);
-    let mut squares: Vec<[f32; 2]> = Vec::new();
-    let (mut sample, mut steps) = (Vec::new(), Vec::new());
-    for top in (0..height).step_by(32) {
-        for left in (0..width).step_by(32) {
-            sample.clear();
-            steps.clear();
-            for row in (top..(top + 32).min(height)).step_by(4) {
-                let cells = &image.row(row)[left..(left + 32).min(width)];
-                sample.extend(cells.iter().step_by(2));
-                // Differences of neighbours: a gradient is no noise.
-                steps.extend(cells.windows(2).step_by(2).map(|pair| (pair[1] - pair[0]).abs()));
+    let rows_of = |top: usize| (top..(top + SIDE).min(height)).step_by(4);
+    let columns_of = |left: usize| left..(left + SIDE).min(width);
+    // Which ones are dark is told by means, as medians take longer.
+    let mut squares: Vec<(f32, [usize; 2])> = Vec::new();
+    for top in (0..height).step_by(SIDE) {
+        for left in (0..width).step_by(SIDE) {
+            let (mut sum, mut count) = (0.0f32, 0usize);
+            for row in rows_of(top) {
+                let pixels = &image.row(row)[columns_of(left)];
+                sum += pixels.iter().sum::<f32>();
+                count += pixels.len();
             }
-            // Median of |difference| of normal noise: 0.6745 sqrt(2) sigma.
-            squares.push([median(&mut sample), median(&mut steps) / 0.954]);
+            squares.push((sum / count as f32, [left, top]));
         }
     }
-    squares.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    squares.sort_by(|a, b| a.0.total_cmp(&b.0));
     squares.truncate((squares.len() / 10).max(1));
-    let mut noise: Vec<f32> = squares.iter().map(|square| square[1]).collect();
+    let (mut sample, mut steps) = (Vec::new(), Vec::new());
+    let (mut levels, mut noises): (Vec<f32>, Vec<f32>) = squares
+        .iter()
+        .map(|&(_, [left, top])| {
+            sample.clear();
+            steps.clear();
+            for row in rows_of(top) {
+                let pixels = &image.row(row)[columns_of(left)];
+                sample.extend(pixels.iter().step_by(2));
+                // Differences of neighbours: a gradient is no noise.
+                steps.extend(pixels.windows(2).step_by(2).map(|pair| (pair[1] - pair[0]).abs()));
+            }
+            // Median of |difference| of normal noise: 0.6745 sqrt(2) sigma.
+            (median(&mut sample), median(&mut steps) / 0.954)
+        })
+        .unzip();
     // Whole numbers cannot show less noise than their rounding has.
-    [f64::from(squares[squares.len() / 2][0]), f64::from(median(&mut noise)).max(1.0 / 12f64.sqrt())]
+    [f64::from(median(&mut levels)), f64::from(median(&mut noises)).max(1.0 / 12f64.sqrt())]
 }
 
 fn median(values: &mut [f32]) -> f32 {
@@ -89,14 +108,19 @@ pub(super) fn coarse(image: &CameraImage, shape: Shape) -> Option<Coarse> {
         return None;
     }
     let mut cells = vec![0f32; columns * rows];
-    for row in 0..rows * CELL {
-        let line = &mut cells[(row / CELL) * columns..][..columns];
-        for (cell, pixels) in line.iter_mut().zip(image.row(row).chunks_exact(CELL)) {
-            *cell += pixels.iter().sum::<f32>();
+    let area = (CELL * CELL) as f32;
+    let mut sums = vec![0f32; columns * CELL];
+    for (row, line) in cells.chunks_exact_mut(columns).enumerate() {
+        sums.fill(0.0);
+        for y in row * CELL..(row + 1) * CELL {
+            for (sum, value) in sums.iter_mut().zip(image.row(y)) {
+                *sum += value;
+            }
+        }
+        for (cell, pixels) in line.iter_mut().zip(sums.chunks_exact(CELL)) {
+            *cell = pixels.iter().sum::<f32>() / area - level as f32;
         }
     }
-    let area = (CELL * CELL) as f32;
-    cells.iter_mut().for_each(|cell| *cell = *cell / area - level as f32);
     let least = (LIT_SIGMA * noise_dn / CELL as f64) as f32;
     let mut lit: Vec<f32> = cells.iter().copied().filter(|&cell| cell > least).collect();
     if lit.is_empty() {
@@ -105,53 +129,93 @@ pub(super) fn coarse(image: &CameraImage, shape: Shape) -> Option<Coarse> {
     let at = lit.len() * 19 / 20;
     let bright = *lit.select_nth_unstable_by(at, f32::total_cmp).1;
     let threshold = least.max(LIT_SHARE as f32 * bright);
-    let blob = largest_blob(&cells, columns, threshold);
-    let bounds = Bounds::of(&blob, columns)?;
-    let mut lit_center_px = DVec2::ZERO;
-    for &cell in &blob {
-        let at = DVec2::new((cell % columns) as f64, (cell / columns) as f64);
-        lit_center_px += (at + 0.5) * CELL as f64 / blob.len() as f64;
-    }
+    let blob = largest_blob(&cells, columns, threshold)?;
+    let bounds = Bounds::of(&blob);
+    let lit_center_px = blob.centers / blob.cells as f64 * CELL as f64;
     let (border, touches_frame) = border(image, &bounds, level + f64::from(threshold).max(5.0 * noise_dn));
     let border: Vec<DVec2> = border.into_iter().map(|pixel| shape.to_circle(pixel)).collect();
     let (center, radius_px) = circle(&border, touches_frame)?;
     let center_px = shape.to_image(center);
-    let lit_px2 = (blob.len() * CELL * CELL) as f64;
+    let lit_px2 = (blob.cells * CELL * CELL) as f64;
     Some(Coarse { center_px, radius_px, lit_px2, lit_center_px, noise_dn, touches_frame })
 }
 
-/// Indices of the largest connected set of cells above the threshold.
-fn largest_blob(cells: &[f32], columns: usize, threshold: f32) -> Vec<usize> {
-    let mut seen = vec![false; cells.len()];
-    let (mut best, mut stack) = (Vec::new(), Vec::new());
-    for start in 0..cells.len() {
-        if seen[start] || cells[start] <= threshold {
-            continue;
-        }
-        let mut blob = Vec::new();
-        seen[start] = true;
-        stack.push(start);
-        while let Some(at) = stack.pop() {
-            blob.push(at);
-            let column = at % columns;
-            let near = [
-                (column > 0).then(|| at - 1),
-                (column + 1 < columns).then_some(at + 1),
-                at.checked_sub(columns),
-                Some(at + columns).filter(|&next| next < cells.len()),
-            ];
-            for next in near.into_iter().flatten() {
-                if !seen[next] && cells[next] > threshold {
-                    seen[next] = true;
-                    stack.push(next);
-                }
-            }
-        }
-        if blob.len() > best.len() {
-            best = blob;
+/// A connected set of cells.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Blob {
+    cells: usize,
+    /// Sum of the cells' centres, cells.
+    centers: DVec2,
+    /// First and last column and row.
+    first: [usize; 2],
+    last: [usize; 2],
+}
+
+impl Blob {
+    /// Cells of a row.
+    fn of_run(row: usize, columns: &Range<usize>) -> Self {
+        let cells = columns.len();
+        let middle = 0.5 * (columns.start + columns.end) as f64;
+        let last = columns.end - 1;
+        Self {
+            cells,
+            centers: DVec2::new(middle, row as f64 + 0.5) * cells as f64,
+            first: [columns.start, row],
+            last: [last, row],
         }
     }
-    best
+
+    fn joined(self, other: Self) -> Self {
+        Self {
+            cells: self.cells + other.cells,
+            centers: self.centers + other.centers,
+            first: [0, 1].map(|k| self.first[k].min(other.first[k])),
+            last: [0, 1].map(|k| self.last[k].max(other.last[k])),
+        }
+    }
+}
+
+/// The largest set of cells above the threshold that touch by their sides: runs of each row, joined with those that they
+/// touch in the row before.
+fn largest_blob(cells: &[f32], columns: usize, threshold: f32) -> Option<Blob> {
+    // Of each run the one that it was joined to; of a set's first run itself.
+    let mut parents: Vec<usize> = Vec::new();
+    let mut blobs: Vec<Blob> = Vec::new();
+    let root = |parents: &[usize], mut run: usize| {
+        while parents[run] != run {
+            run = parents[run];
+        }
+        run
+    };
+    let (mut above, mut own) = (Vec::<(Range<usize>, usize)>::new(), Vec::new());
+    for (row, line) in cells.chunks_exact(columns).enumerate() {
+        own.clear();
+        let mut column = 0;
+        while let Some(off) = line[column..].iter().position(|&cell| cell > threshold) {
+            let start = column + off;
+            let length = line[start..].iter().position(|&cell| cell <= threshold);
+            let end = length.map_or(columns, |length| start + length);
+            let run = parents.len();
+            parents.push(run);
+            blobs.push(Blob::of_run(row, &(start..end)));
+            for (_, other) in above.iter().filter(|(other, _)| other.start < end && start < other.end) {
+                let [a, b] = [root(&parents, run), root(&parents, *other)];
+                if a != b {
+                    let (first, second) = (a.min(b), a.max(b));
+                    parents[second] = first;
+                    blobs[first] = blobs[first].joined(blobs[second]);
+                }
+            }
+            own.push((start..end, run));
+            column = end;
+        }
+        std::mem::swap(&mut above, &mut own);
+    }
+    // The first of equal ones.
+    (0..blobs.len())
+        .filter(|&run| parents[run] == run)
+        .max_by_key(|&run| (blobs[run].cells, std::cmp::Reverse(run)))
+        .map(|run| blobs[run])
 }
 
 /// Pixel bounds of a blob, one cell wider.
@@ -163,15 +227,13 @@ struct Bounds {
 }
 
 impl Bounds {
-    fn of(blob: &[usize], columns: usize) -> Option<Self> {
-        let xs = || blob.iter().map(|cell| cell % columns);
-        let ys = || blob.iter().map(|cell| cell / columns);
-        Some(Self {
-            left: (xs().min()? * CELL).saturating_sub(CELL),
-            right: (xs().max()? + 2) * CELL,
-            top: (ys().min()? * CELL).saturating_sub(CELL),
-            bottom: (ys().max()? + 2) * CELL,
-        })
+    fn of(blob: &Blob) -> Self {
+        Self {
+            left: (blob.first[0] * CELL).saturating_sub(CELL),
+            right: (blob.last[0] + 2) * CELL,
+            top: (blob.first[1] * CELL).saturating_sub(CELL),
+            bottom: (blob.last[1] + 2) * CELL,
+        }
     }
 }
 
@@ -182,20 +244,15 @@ fn border(image: &CameraImage, bounds: &Bounds, level_dn: f64) -> (Vec<DVec2>, b
         (bounds.right.min(image.width_px as usize), bounds.bottom.min(image.height_px as usize));
     let mut out = Vec::new();
     let mut cut = false;
-    // Two in a row: one may be noise, a hot pixel or a star.
-    let mut scan =
-        |count: usize, frame: [usize; 2], value: &dyn Fn(usize) -> f32, place: &dyn Fn(f64) -> DVec2| {
-            let bright = |k: usize| f64::from(value(k)) > level_dn;
-            let first = (0..count.saturating_sub(1)).find(|&k| bright(k) && bright(k + 1));
-            let last = (1..count).rev().find(|&k| bright(k) && bright(k - 1));
-            for (found, edge, side) in [(first, frame[0], 0.0), (last, frame[1], 1.0)] {
-                match found {
-                    Some(k) if k == edge => cut = true,
-                    Some(k) => out.push(place(k as f64 + side)),
-                    None => {}
-                }
+    let mut add = |ends: [Option<usize>; 2], frame: [usize; 2], place: &dyn Fn(f64) -> DVec2| {
+        for ((found, edge), side) in ends.into_iter().zip(frame).zip([0.0, 1.0]) {
+            match found {
+                Some(k) if k == edge => cut = true,
+                Some(k) => out.push(place(k as f64 + side)),
+                None => {}
             }
-        };
+        }
+    };
     let step = |size: usize| (size / 300).max(1);
     let (columns, rows) = (right - bounds.left, bottom - bounds.top);
     // The frame's edge is the end of a scan only where the bounds reach it.
@@ -205,14 +262,20 @@ fn border(image: &CameraImage, bounds: &Bounds, level_dn: f64) -> (Vec<DVec2>, b
         let row = &image.row(y)[bounds.left..right];
         let frame = [begin(bounds.left), end(columns, right, image.width_px as usize)];
         let place = |k| DVec2::new(bounds.left as f64 + k, y as f64 + 0.5);
-        scan(columns, frame, &|k| row[k], &place);
+        add(ends(columns, |k| f64::from(row[k]) > level_dn), frame, &place);
     }
     for x in (bounds.left..right).step_by(step(columns)) {
         let frame = [begin(bounds.top), end(rows, bottom, image.height_px as usize)];
         let place = |k| DVec2::new(x as f64 + 0.5, bounds.top as f64 + k);
-        scan(rows, frame, &|k| image.at(x, bounds.top + k), &place);
+        add(ends(rows, |k| f64::from(image.at(x, bounds.top + k)) > level_dn), frame, &place);
     }
     (out, cut)
+}
+
+/// First and last bright place. Two in a row: one may be noise, a hot pixel or a star.
+fn ends(count: usize, bright: impl Fn(usize) -> bool) -> [Option<usize>; 2] {
+    let first = (0..count.saturating_sub(1)).find(|&k| bright(k) && bright(k + 1));
+    [first, first.and_then(|_| (1..count).rev().find(|&k| bright(k) && bright(k - 1)))]
 }
 
 /// The circle with most points on it and fewest outside: the limb is the outermost curve, the terminator lies within.
@@ -224,6 +287,9 @@ fn circle(points: &[DVec2], cut: bool) -> Option<(DVec2, f64)> {
     let low = points.iter().copied().reduce(DVec2::min)?;
     let high = points.iter().copied().reduce(DVec2::max)?;
     let most_radius = if cut { f64::INFINITY } else { 0.75 * low.distance(high) };
+    // An odd step: firsts and lasts of rows and columns take turns.
+    let step = (points.len() / JUDGES) | 1;
+    let judges: Vec<DVec2> = points.iter().copied().step_by(step).collect();
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let mut best: Option<(f64, DVec2, f64)> = None;
     for _ in 0..TRIALS {
@@ -235,7 +301,7 @@ fn circle(points: &[DVec2], cut: bool) -> Option<(DVec2, f64)> {
         let tolerance = 1.0 + 0.004 * radius;
         // Squares of the distances to the ring's edges: no root a point.
         let [inner, outer] = [(radius - tolerance).max(0.0).powi(2), (radius + tolerance).powi(2)];
-        let score: f64 = points
+        let score: f64 = judges
             .iter()
             .map(|point| match point.distance_squared(center) {
                 far if far >= outer => -2.0,
@@ -276,4 +342,51 @@ fn least_squares_circle(points: &[DVec2]) -> Option<(DVec2, f64)> {
     let solved = normal.inverse() * right;
     let radius2 = solved.z + solved.truncate().length_squared();
     (radius2 > 0.0 && radius2.is_finite()).then(|| (mean + solved.truncate(), radius2.sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sizes of all sets, by a flood from each cell.
+    fn flooded(cells: &[f32], columns: usize) -> Vec<usize> {
+        let mut left: Vec<bool> = cells.iter().map(|&cell| cell > 0.5).collect();
+        let mut sizes = Vec::new();
+        while let Some(start) = left.iter().position(|&lit| lit) {
+            let (mut open, mut size) = (vec![start], 0);
+            while let Some(at) = open.pop() {
+                if !std::mem::take(&mut left[at]) {
+                    continue;
+                }
+                size += 1;
+                let column = at % columns;
+                open.extend((column > 0).then(|| at - 1));
+                open.extend((column + 1 < columns).then_some(at + 1));
+                open.extend(at.checked_sub(columns));
+                open.extend(Some(at + columns).filter(|&next| next < cells.len()));
+            }
+            sizes.push(size);
+        }
+        sizes
+    }
+
+    #[test]
+    fn the_largest_blob_is_the_one_that_a_flood_finds() {
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        // About the percolation threshold (0.593 of a square lattice) blobs are as ragged as they get.
+        for share in [0.3, 0.5, 0.593, 0.7, 1.0] {
+            for columns in [1usize, 7, 40] {
+                let lit = |random: &mut ChaCha8Rng| f64::from(random.next_u32()) / 4_294_967_296.0 < share;
+                let cells: Vec<f32> =
+                    (0..columns * 30).map(|_| f32::from(u8::from(lit(&mut random)))).collect();
+                let blob = largest_blob(&cells, columns, 0.5).unwrap();
+                assert_eq!(Some(blob.cells), flooded(&cells, columns).into_iter().max(), "{share} {columns}");
+            }
+        }
+        assert_eq!(largest_blob(&[0.0; 12], 4, 0.5), None);
+        // A U of two columns, joined in the last row: centre and bounds by hand.
+        let blob = largest_blob(&[1.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0], 3, 0.5).unwrap();
+        assert_eq!((blob.cells, blob.first, blob.last), (7, [0, 0], [2, 2]));
+        assert_eq!(blob.centers, DVec2::new(10.5, 11.5));
+    }
 }

@@ -115,12 +115,26 @@ pub(super) fn pixels(image: &CameraImage, node: &Node, half_width_px: f64) -> Op
         return None;
     }
     let saturation = image.full_scale_dn * 0.995;
-    let mut out = Vec::new();
+    // Columns (offsets) of a row at which |slope x + offset| is within a limit.
+    let between = |slope: f64, offset: f64, limit: f64| match (limit / slope).abs() {
+        reach if reach < f64::MAX => [-offset / slope - reach, -offset / slope + reach],
+        _ => [f64::MIN, f64::MAX],
+    };
+    // What a piece's end is inside the outline's tangent.
+    let sagitta = node.half_length_px * node.half_length_px / (2.0 * node.curvature_radius_px);
+    let mut out = Vec::with_capacity((4.0 * (half_width_px + 1.0) * (node.half_length_px + 1.0)) as usize);
     let (mut inner, mut saturated) = (0usize, 0usize);
     for row in low.y as usize..high.y as usize {
         let line = image.row(row);
-        for column in low.x as usize..high.x as usize {
-            let off = DVec2::new(column as f64 + 0.5, row as f64 + 0.5) - node.at;
+        let down = row as f64 + 0.5 - node.at.y;
+        let [by_length, by_width] = [
+            between(tangent.x, tangent.y * down, node.half_length_px),
+            between(node.normal.x, node.normal.y * down, half_width_px + sagitta),
+        ];
+        let first = (node.at.x - 0.5 + by_length[0].max(by_width[0])).floor().max(low.x);
+        let end = (node.at.x + 0.5 + by_length[1].min(by_width[1])).ceil().min(high.x);
+        for column in first as usize..end.max(0.0) as usize {
+            let off = DVec2::new(column as f64 + 0.5 - node.at.x, down);
             let along = off.dot(tangent);
             let inside = -off.dot(node.normal) - along * along / (2.0 * node.curvature_radius_px);
             if along.abs() > node.half_length_px || inside.abs() > half_width_px {
@@ -160,6 +174,9 @@ pub(super) fn crossing(samples: &[Sample], half_width_px: f64, noise_dn: f64) ->
     let part = (half - pair[0][1]) / (pair[1][1] - pair[0][1]);
     Some(-(pair[0][0] + part * (pair[1][0] - pair[0][0])))
 }
+
+/// A step shorter than this is the last, px: what is left after it is far below a thousandth.
+const SETTLED_PX: f64 = 2e-4;
 
 /// Fits the edge of one node's pixels by Gauss-Newton; `None` where it does not converge within `half_width_px / 2`.
 /// A saturated pixel says that its light is at least full scale (a censored observation, Tobin 1958): it counts while
@@ -212,18 +229,10 @@ pub(super) fn fit_edge(
         if shift.abs() > 0.5 * half_width_px {
             return None;
         }
-        if turn > 0 && change.abs() < 1e-4 {
-            let (mut misfit, mut counted) = (0.0, 0usize);
-            for &Sample { inside, value, full } in samples {
-                let u = inside + shift;
-                let (step, density) = table.at(u * per_blur);
-                let model = solution.x + solution.y * step + solution.z * (u * step + blur_px * density);
-                if !full || model < value {
-                    misfit += (value - model).powi(2);
-                    counted += 1;
-                }
-            }
-            let freedom = counted.saturating_sub(4).max(1);
+        if turn > 0 && change.abs() < SETTLED_PX {
+            // |y - J p|^2, in the form that errors of p change least.
+            let misfit = (sums.square - 2.0 * solved.dot(right) + solved.dot(normal * solved)).max(0.0);
+            let freedom = (sums.count as usize).saturating_sub(4).max(1);
             let variance = (misfit / freedom as f64).max(noise_dn * noise_dn);
             return Some(Edge {
                 node: *node,
@@ -247,11 +256,14 @@ struct Sums {
     first: [f64; 3],
     squares: [f64; 6],
     right: [f64; 4],
+    /// Of the values' squares.
+    square: f64,
 }
 
 impl Sums {
     fn add(&mut self, [a, b, c]: [f64; 3], value: f64) {
         self.count += 1.0;
+        self.square += value * value;
         for (sum, term) in self.first.iter_mut().zip([a, b, c]) {
             *sum += term;
         }

@@ -13,6 +13,9 @@ const REJECT_SIGMA: f64 = 3.5;
 /// Median of |x| of normal noise in standard deviations.
 const NORMAL_MEDIAN: f64 = 0.674_49;
 
+/// Relative precision of the variance beyond the points' own: far below its own uncertainty.
+const EXCESS_PRECISION: f64 = 1e-4;
+
 /// A point that goes into a fit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Measured {
@@ -140,7 +143,7 @@ fn excess_sigma(points: &[Measured], residuals: &[f64], used: &[bool]) -> Option
         return Some(0.0);
     }
     let (mut low, mut high) = (0.0, rows.iter().map(|(_, r2)| r2).sum::<f64>());
-    for _ in 0..60 {
+    while high - low > EXCESS_PRECISION * high {
         let middle = 0.5 * (low + high);
         if surplus(middle) > 0.0 { low = middle } else { high = middle }
     }

@@ -2,10 +2,12 @@
 //!
 //! 1. `coarse`: the lit blob and the circle about its outer border (RANSAC).
 //! 2. `edge`: sub-pixel edges along the outline on the lit side, by a step with PSF.
-//! 3. `fit`: position and covariance without iteration over the position (Christian and Robinson 2016).
+//! 3. `blur`: the width of that PSF, by the edges themselves.
+//! 4. `fit`: position and covariance without iteration over the position (Christian and Robinson 2016).
 //!
 //! [`solve_limb`] runs them and judges the answer: a body, or a [`Refusal`].
 
+mod blur;
 mod camera;
 mod coarse;
 mod edge;

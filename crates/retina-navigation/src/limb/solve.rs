@@ -5,13 +5,16 @@ use rayon::prelude::*;
 use retina_geometry::{LimbEllipse, limb_ellipse};
 use retina_image::CameraImage;
 
+use super::blur::blur;
 use super::coarse::{Coarse, Shape, coarse};
-use super::edge::{Edge, Node, Sample, crossing, ellipse_outline, fit_edge, image_outline, pixels};
+use super::edge::{Edge, Node, crossing, ellipse_outline, fit_edge, image_outline, pixels};
 use super::fit::{Fit, Measured, fit};
 use super::{LimbBody, LimbCamera, LimbOptions, LimbPoint, LimbSolution, Refusal};
 
-/// Widths of blur that are tried, px: from a bare pixel (1 / sqrt 12) up.
-const BLURS_PX: [f64; 12] = [0.3, 0.4, 0.52, 0.68, 0.9, 1.2, 1.6, 2.1, 2.8, 3.7, 4.9, 6.5];
+/// Edges are measured about the outline, which they move: at most so many times.
+const MOST_TURNS: usize = 3;
+/// Not again about one that has moved by less than this, px.
+const SAME_OUTLINE_PX: f64 = 0.01;
 /// A thinner lit area is a crescent without an inside, px: its width is known to the cells that it is found with.
 const LEAST_WIDTH_PX: f64 = 8.0;
 /// A step below this share of the limb's brightest quarter is no lit limb.
@@ -26,8 +29,6 @@ const MOST_SATURATED_PIECE: f64 = 0.8;
 const LEAST_FOUND: f64 = 0.5;
 /// Pixels to either side of the limb that the blur is found from.
 const BLUR_WINDOW_PX: f64 = 8.0;
-/// The golden section's larger part.
-const GOLDEN: f64 = 0.618_033_988_75;
 /// A blur above this share of the window is looked at in twice the window.
 const WIDE_BLUR: f64 = 0.25;
 /// What a PSF that is no Gaussian, and an error of its width, may shift all edges by: along the normal, px. An
@@ -92,12 +93,17 @@ pub fn solve_limb(
         }
     })?;
 
-    let mut blur_px = BLURS_PX[4];
+    let mut blur_px = 1.0;
     let mut last = Measurement::default();
-    for turn in 0..3 {
+    let mut measured_at: Option<LimbEllipse> = None;
+    for turn in 0..MOST_TURNS {
         let outline =
             limb_ellipse(&camera.pinhole, current.position_m, body.camera_from_body, body.semi_axes_m)
                 .ok_or_else(|| not("its border fits no body in front of the camera"))?;
+        if measured_at.is_some_and(|before| moved_px(&before, &outline) < SAME_OUTLINE_PX) {
+            break;
+        }
+        measured_at = Some(outline);
         let mean_radius = 0.5 * (outline.semi_axes_px[0] + outline.semi_axes_px[1]);
         if !(options.least_radius_px * 0.8..4.0 * size).contains(&mean_radius) {
             return Err(not("its border fits no body of the size"));
@@ -107,13 +113,13 @@ pub fn solve_limb(
             // Wide enough that a shading inside the limb is not taken for blur.
             let width = BLUR_WINDOW_PX.min(0.3 * mean_radius);
             let nodes = lit.choose(all.clone(), width);
-            let narrow = blur(image, &nodes, width, &seen);
+            let narrow = blur(image, &nodes, width, seen.noise_dn);
             blur_px = match narrow {
                 Some(found) if found < WIDE_BLUR * width => Some(found),
                 // Flanks that reach beyond the window are looked at in a wider one.
                 _ => {
                     let wide = (2.0 * BLUR_WINDOW_PX).min(0.3 * mean_radius);
-                    blur(image, &lit.choose(all.clone(), wide), wide, &seen).or(narrow)
+                    blur(image, &lit.choose(all.clone(), wide), wide, seen.noise_dn).or(narrow)
                 }
             }
             .ok_or_else(|| match saturated_share(image, &nodes, width) {
@@ -152,6 +158,12 @@ pub fn solve_limb(
         }
     }
     judge(current, last, blur_px, &seen, &lit, camera, &body, options)
+}
+
+/// How far one outline is from another, px, at most.
+fn moved_px(before: &LimbEllipse, after: &LimbEllipse) -> f64 {
+    let axes = DVec2::from_array(before.semi_axes_px) - DVec2::from_array(after.semi_axes_px);
+    before.center_px.distance(after.center_px) + axes.abs().max_element()
 }
 
 /// The outline's shape from afar on the boresight: where the body is changes it by little.
@@ -245,72 +257,6 @@ fn lit_side(points: &[Measured], whole: &Fit, camera: &LimbCamera, body: &LimbBo
     // A terminator close to the limb looks like one, of a smaller body: the largest is the limb.
     let good = halves.iter().filter(|half| half.0 <= 1.5 * least + 0.01);
     good.min_by(|a, b| a.1.total_cmp(&b.1)).map(|half| half.2)
-}
-
-/// The blur that fits the edges of a sample of nodes best, px; `None` where it is wider than any that is tried.
-fn blur(image: &CameraImage, nodes: &[Node], half_width_px: f64, seen: &Coarse) -> Option<f64> {
-    let step = (nodes.len() / 48).max(1);
-    let mut sample: Vec<(Node, Vec<Sample>, f64)> = nodes
-        .iter()
-        .step_by(step)
-        .filter_map(|node| {
-            let (samples, _) = pixels(image, node, half_width_px)?;
-            let start = crossing(&samples, half_width_px, seen.noise_dn)?;
-            (start.abs() < 0.5 * half_width_px).then_some((*node, samples, start))
-        })
-        .collect();
-    if sample.len() < 4 {
-        return None;
-    }
-    // Medians over the nodes: a crater's edge in one does not decide. Each fit begins where the one before ended.
-    let mut misfit = |blur_px: f64| {
-        let mut each: Vec<f64> = sample
-            .iter_mut()
-            .map(|(node, samples, start)| {
-                match fit_edge(node, samples, *start, half_width_px, blur_px, seen.noise_dn) {
-                    None => f64::INFINITY,
-                    Some(edge) => {
-                        *start = edge.blurred_shift_px;
-                        edge.misfit.0 / edge.misfit.1 as f64
-                    }
-                }
-            })
-            .collect();
-        let middle = each.len() / 2;
-        *each.select_nth_unstable_by(middle, f64::total_cmp).1
-    };
-    let mut misfits = [f64::INFINITY; BLURS_PX.len()];
-    let mut best = 0;
-    for (k, blur_px) in BLURS_PX.into_iter().enumerate() {
-        misfits[k] = misfit(blur_px);
-        if misfits[k] < misfits[best] {
-            best = k;
-        }
-        // Three steps beyond the best fit, and far worse: wider ones are worse still.
-        if k >= best + 3 && misfits[k] > 2.0 * misfits[best] {
-            break;
-        }
-    }
-    if !misfits[best].is_finite() || best + 1 == BLURS_PX.len() {
-        return None;
-    }
-    // Narrowed down between its neighbours, in the logarithm, by golden sections: to 1.5 % in nine.
-    let (mut low, mut high) = (BLURS_PX[best.saturating_sub(1)].ln(), BLURS_PX[best + 1].ln());
-    let inner = |low: f64, high: f64| [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
-    let [mut left, mut right] = inner(low, high);
-    let [mut at_left, mut at_right] = [misfit(left.exp()), misfit(right.exp())];
-    for _ in 0..8 {
-        if at_left < at_right {
-            (high, right, at_right) = (right, left, at_left);
-            left = inner(low, high)[0];
-            at_left = misfit(left.exp());
-        } else {
-            (low, left, at_left) = (left, right, at_right);
-            right = inner(low, high)[1];
-            at_right = misfit(right.exp());
-        }
-    }
-    Some((0.5 * (low + high)).exp())
 }
 
 /// Mean share of the pixels inside the outline that are saturated.

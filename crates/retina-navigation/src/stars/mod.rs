@@ -13,6 +13,7 @@ mod camera;
 mod catalogue;
 mod chance;
 mod fit;
+mod hypotheses;
 mod pairs;
 mod pyramid;
 mod sky_index;

@@ -34,18 +34,25 @@ pub(crate) struct Search<'a> {
     stamp: u32,
     /// Triangles of stars that fitted a triangle of points.
     pub(crate) candidates: usize,
+    /// No more of them than this.
+    most: usize,
 }
 
 const NONE: u32 = u32::MAX;
 
 impl<'a> Search<'a> {
-    pub(crate) fn new(catalogue: &'a SolverCatalogue) -> Self {
+    pub(crate) fn new(catalogue: &'a SolverCatalogue, most: usize) -> Self {
         let count = catalogue.bright().directions().len();
-        Self { catalogue, heads: vec![(0, NONE); count], partners: Vec::new(), stamp: 0, candidates: 0 }
+        Self { catalogue, heads: vec![(0, NONE); count], partners: Vec::new(), stamp: 0, candidates: 0, most }
+    }
+
+    /// Whether as many triangles of stars as may be were looked at.
+    pub(crate) fn exhausted(&self) -> bool {
+        self.candidates >= self.most
     }
 
     /// Calls `found` with each triangle of stars whose sides and sense of rotation are those of three points (unit
-    /// vectors), until it says true.
+    /// vectors), until it says true or the limit is reached.
     pub(crate) fn triangles(
         &mut self,
         points: [usize; 3],
@@ -88,6 +95,9 @@ impl<'a> Search<'a> {
                         directions[a as usize].dot(directions[b as usize].cross(directions[c as usize]));
                     if volume * sense < 0.0 && sense.abs() > flat {
                         continue;
+                    }
+                    if self.exhausted() {
+                        return false;
                     }
                     self.candidates += 1;
                     if found(Triangle { points: p, stars: [a, b, c] }) {

@@ -90,7 +90,8 @@ pub enum Refusal {
     /// Nothing fitted well enough.
     #[error(
         "no attitude explains the points: of {hypotheses} hypotheses the best might be a coincidence with \
-         probability 10^{log10_best:.1}, the bound is 10^{log10_bound:.1}"
+         probability 10^{log10_best:.1}, the bound is 10^{log10_bound:.1}{}",
+        if *.stopped { "; the search stopped at that number, which is its limit" } else { "" }
     )]
     NoMatch {
         /// Triangles of stars that were looked at.
@@ -99,6 +100,8 @@ pub enum Refusal {
         log10_best: f64,
         /// log10 of the bound.
         log10_bound: f64,
+        /// The search ended at its limit ([`SolverOptions::most_hypotheses`](super::SolverOptions)), not at its end.
+        stopped: bool,
     },
     /// The stars are there, seen in a mirror.
     #[error(

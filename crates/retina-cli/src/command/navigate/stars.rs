@@ -17,6 +17,7 @@ use serde_json::{Value, json};
 
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
+use crate::progress::counter;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -54,6 +55,9 @@ pub(crate) struct Arguments {
     /// Log10 of the greatest chance of a false answer.
     #[arg(long, default_value_t = -7.0, allow_negative_numbers = true)]
     log10_bound: f64,
+    /// Hypotheses (triangles of stars) after which an image is given up: some seconds, whatever the field of view.
+    #[arg(long, default_value_t = SolverOptions::default().most_hypotheses, value_name = "N")]
+    most_hypotheses: usize,
     /// A point's brightest 3 x 3 pixels stand out of the background by so many standard deviations.
     #[arg(long, default_value_t = 5.0)]
     threshold_sigma: f64,
@@ -94,7 +98,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut prepared: BTreeMap<[u32; 2], (StarCamera, StarSolver)> = BTreeMap::new();
     let (mut documents, mut refused, mut worst_arcsec) = (Vec::new(), 0, 0.0f64);
     let mut unreadable = None;
-    for path in &arguments.images {
+    let bar = counter(arguments.images.len() as u64, "images");
+    for path in bar.wrap_iter(arguments.images.iter()) {
         let image = match arguments.read(path, &optics) {
             Ok(image) => image,
             // What other images say is not lost for it.
@@ -122,9 +127,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         if arguments.json {
             documents.push(result.json(&file, camera, arguments.stars));
         } else {
-            print_lines(&text(&file, &result, camera))?;
+            bar.suspend(|| print_lines(&text(&file, &result, camera)))?;
         }
     }
+    bar.finish_and_clear();
     if let Some(error) = unreadable.take_if(|_| documents.len() == 1) {
         return Err(error);
     }
@@ -194,6 +200,7 @@ impl Arguments {
         let mut options = SolverOptions {
             focal_ratio: [1.0 - slack, 1.0 + slack],
             log10_bound: self.log10_bound,
+            most_hypotheses: self.most_hypotheses,
             ..SolverOptions::default()
         };
         options.tdb_s = tdb_s.unwrap_or(options.tdb_s);
@@ -220,6 +227,7 @@ impl Arguments {
             ("--position-3-sigma-km", self.position_3_sigma_km, self.position_3_sigma_km > 0.0, "above 0"),
             ("--threshold-sigma", self.threshold_sigma, self.threshold_sigma > 0.0, "above 0"),
             ("--log10-bound", self.log10_bound, self.log10_bound <= 0.0, "0 or less"),
+            ("--most-hypotheses", self.most_hypotheses as f64, self.most_hypotheses > 0, "1 or more"),
             ("--rms-arcsec", rms_arcsec, rms_arcsec > 0.0, "above 0"),
         ] {
             if !(fits && value.is_finite()) {
