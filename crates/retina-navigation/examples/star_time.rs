@@ -13,7 +13,7 @@ use retina_image::{Background, CameraImage, DetectOptions, detect_points};
 use retina_navigation::far_range::sky::sources;
 use retina_navigation::image::{ImageContext, solve_image};
 use retina_navigation::stars::{SolverOptions, StarCamera, StarSolver};
-use retina_sky::ephemeris::ASTRONOMICAL_UNIT_M;
+use retina_sky::ephemeris::{ASTRONOMICAL_UNIT_M, Ephemeris};
 use retina_sky::observer::Observer;
 
 const SIZE: [u32; 2] = [2048, 1536];
@@ -83,10 +83,14 @@ fn draw(spots: &[Spot], random: &mut ChaCha8Rng) -> CameraImage {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let frames: u64 = std::env::args().nth(1).map_or(Ok(50), |text| text.parse())?;
     let camera = StarCamera::from_field(FIELD_DEG.to_radians(), SIZE);
-    let observer =
-        Observer::new(27.0 * 365.25 * 86_400.0, DVec3::X * ASTRONOMICAL_UNIT_M, Some(DVec3::Y * 3e4))?;
+    let observer = Observer::new(
+        &Ephemeris::analytic(),
+        27.0 * 365.25 * 86_400.0,
+        DVec3::X * ASTRONOMICAL_UNIT_M,
+        Some(DVec3::Y * 3e4),
+    )?;
     let solver = StarSolver::new(&camera, SolverOptions::default());
-    let context = ImageContext { observer: Some(observer), prior: None };
+    let context = ImageContext { observer: Some(observer.clone()), prior: None };
     let options = DetectOptions::default();
     let mut totals = Totals::default();
     for seed in 0..frames {
