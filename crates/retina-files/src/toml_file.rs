@@ -144,6 +144,14 @@ mod tests {
 
     #[test]
     fn a_file_of_another_schema_is_said_before_its_keys() {
+        #[derive(Debug, serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Screen {
+            #[serde(rename = "schema")]
+            _schema: serde::de::IgnoredAny,
+            #[serde(rename = "width_px")]
+            _width_px: u32,
+        }
         for (text, found) in
             [("schema = \"b/1\"\nheight = 1", "`b/1`"), ("height = 1", "nothing"), ("schema = 1", "1")]
         {

@@ -58,8 +58,8 @@ pub struct LightPoint {
     /// Of the saturated pixels' middle from the centroid, px; 0 where none is. Two middles of one spot at different
     /// depths: what an asymmetric spot may have moved the centroid by.
     pub saturation_shift_px: f64,
-    /// Saturated pixels.
-    pub saturated_px: usize,
+    /// Half of the longer side of its saturated pixels, px: a disc's radius, half a blooming column's length.
+    pub saturation_reach_px: f64,
     /// Another point's light reaches into it.
     pub blended: bool,
     /// Standard deviation of the spot (geometric mean of its axes), px; `None` where noise hides it.
@@ -267,7 +267,7 @@ fn measure(
         peak_dn: f64::from(image.at(px, py)) - background.level_dn(start[0], start[1]),
         saturated: plateau.is_some(),
         saturation_shift_px: plateau.map_or(0.0, shift_px),
-        saturated_px: plateau.map_or(0, |plateau| plateau.count),
+        saturation_reach_px: plateau.map_or(0.0, |plateau| plateau.reach_px),
         blended: peak.blended || !window.converged,
         width_px: shape(&window, weight).map(|s| s.0),
         ellipticity: shape(&window, weight).map(|s| s.1),

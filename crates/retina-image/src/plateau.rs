@@ -1,4 +1,4 @@
-//! The saturated pixels of a spot: how large they are, and where their middle is.
+//! The saturated pixels of a spot: how far they reach, and where their middle is.
 
 use crate::CameraImage;
 
@@ -10,8 +10,8 @@ const LARGEST_PX: usize = 32;
 pub(crate) struct Plateau {
     /// Their mean place, px.
     pub(crate) centre_px: [f64; 2],
-    /// How many.
-    pub(crate) count: usize,
+    /// Half of its longer side, px.
+    pub(crate) reach_px: f64,
 }
 
 /// The saturated pixels that hang together with one within `reach_px` of a place; `None` where there is none.
@@ -40,9 +40,12 @@ pub(crate) fn plateau_at(
     mark(entry);
     let mut open = vec![entry];
     let (mut sum, mut count) = ([0usize; 2], 0);
+    let (mut least, mut most) = (entry, entry);
     while let Some([x, y]) = open.pop() {
         sum = [sum[0] + x, sum[1] + y];
         count += 1;
+        least = [least[0].min(x), least[1].min(y)];
+        most = [most[0].max(x), most[1].max(y)];
         for next in [[x.wrapping_sub(1), y], [x + 1, y], [x, y.wrapping_sub(1)], [x, y + 1]] {
             let inside = next[0] < width && next[1] < height;
             let near = inside && (0..2).all(|k| next[k].abs_diff(entry[k]) <= LARGEST_PX);
@@ -51,7 +54,8 @@ pub(crate) fn plateau_at(
             }
         }
     }
-    Some(Plateau { centre_px: sum.map(|s| s as f64 / count as f64 + 0.5), count })
+    let longer = (most[0] - least[0]).max(most[1] - least[1]) + 1;
+    Some(Plateau { centre_px: sum.map(|s| s as f64 / count as f64 + 0.5), reach_px: 0.5 * longer as f64 })
 }
 
 #[cfg(test)]
@@ -72,7 +76,7 @@ mod tests {
         // An L of three, and one that touches it at a corner only.
         let image = image(&[[10, 10], [11, 10], [11, 11], [12, 12]]);
         let found = plateau_at(&image, [11.2, 10.1], 1.0, 4000.0).unwrap();
-        assert_eq!((found.count, found.centre_px), (3, [32.0 / 3.0 + 0.5, 31.0 / 3.0 + 0.5]));
+        assert_eq!((found.reach_px, found.centre_px), (1.0, [32.0 / 3.0 + 0.5, 31.0 / 3.0 + 0.5]));
         assert_eq!(plateau_at(&image, [30.0, 30.0], 2.0, 4000.0), None);
     }
 
@@ -81,6 +85,6 @@ mod tests {
         let column: Vec<[usize; 2]> = (0..80).map(|y| [0, y]).collect();
         let found = plateau_at(&image(&column), [0.2, 40.0], 1.0, 4000.0).unwrap();
         // Entered at row 39.
-        assert_eq!((found.count, found.centre_px), (65, [0.5, 39.5]));
+        assert_eq!((found.reach_px, found.centre_px), (32.5, [0.5, 39.5]));
     }
 }

@@ -90,7 +90,9 @@ pub fn identify_planets(
                 continue;
             }
             let gate_sr = std::f64::consts::PI * GATE * total.determinant().sqrt();
-            rated.push((distance2 + brightness, gate_sr, PlanetSight { distance2, ..sight }));
+            // Twice the negative log likelihood: what stands anywhere in a wide covariance says little.
+            let rating = distance2 + brightness + total.determinant().ln();
+            rated.push((rating, gate_sr, PlanetSight { distance2, ..sight }));
         }
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));
         let Some((best, gate_sr, sight)) = rated.first().copied() else { continue };

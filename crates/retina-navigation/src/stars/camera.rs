@@ -98,13 +98,12 @@ impl StarCamera {
 }
 
 /// Standard deviation per axis of what saturation adds to a centroid, px. It cuts a spot where it is not as round as
-/// higher up: the cut's radius R (of as many pixels) times the spot's ellipticity e, and the way s from the cut's middle
-/// to the centroid, say by how much: sigma^2 = 0.05^2 + (0.6 e R)^2 + (0.7 s)^2. The two factors and the floor were
+/// higher up: the cut's reach R times the spot's ellipticity e, and the way s from the cut's middle to the centroid, say
+/// by how much: sigma^2 = 0.05^2 + (0.6 e R)^2 + (0.7 s)^2. The two factors and the floor were
 /// fitted to 219 saturated planets on ideal images and on the bench.
 fn saturation_sigma_px(point: &LightPoint) -> f64 {
-    let radius_px = (point.saturated_px as f64 / std::f64::consts::PI).sqrt();
     let ellipticity = point.ellipticity.unwrap_or(LARGE_ELLIPTICITY);
-    let uneven_px = (0.6 * ellipticity * radius_px).hypot(0.7 * point.saturation_shift_px);
+    let uneven_px = (0.6 * ellipticity * point.saturation_reach_px).hypot(0.7 * point.saturation_shift_px);
     uneven_px.hypot(0.05)
 }
 
@@ -130,7 +129,7 @@ mod tests {
             peak_dn: 1.0,
             saturated,
             saturation_shift_px: 0.1,
-            saturated_px: 50,
+            saturation_reach_px: 4.0,
             blended: false,
             width_px: None,
             ellipticity: Some(0.2),
@@ -138,9 +137,9 @@ mod tests {
         };
         let camera = StarCamera::from_field(0.2, [200, 100]);
         let points = camera.points(&[point(60.0, true), point(62.0, false)]);
-        // tan(0.1) at the edge, 100 px from the middle: 0.00100335 rad a pixel. R = 3.989 px: the squares of 0.01 (noise),
-        // 0.05, 0.4787 and 0.07 add to 0.2367.
-        assert!((points[0].sigma_rad / 0.001_003_35 - 0.4865).abs() < 1e-4);
+        // tan(0.1) at the edge, 100 px from the middle: 0.00100335 rad a pixel. R = 4 px: the squares of 0.01 (noise), 0.05,
+        // 0.48 and 0.07 add to 0.2379.
+        assert!((points[0].sigma_rad / 0.001_003_35 - 0.4877).abs() < 1e-4);
         assert!((points[1].sigma_rad / 0.001_003_35 - 0.01).abs() < 1e-4);
         assert!((points[0].line_of_sight.x - -0.040_134).abs() < 1e-6);
     }
