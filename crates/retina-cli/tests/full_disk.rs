@@ -184,7 +184,7 @@ fn folders_that_do_not_fit_are_refused_with_file_found_and_expected() {
     refused(&folder.path().join("none"), &[], &["there is no truth", "retina render"]);
     refused(&dir, &["--kind", "camera"], &["none are named", "--images"]);
     refused(&dir, &["--frames", "0..9"], &["0..2"]);
-    refused(&dir, &["--body", "mars"], &["which body", "moon", "mars"]);
+    refused(&dir, &["--body", "mars"], &["the body that is asked for is not in it", "moon", "mars"]);
     refused(&dir, &["--limb-height-sigma-m=-3"], &["--limb-height-sigma-m"]);
     // An image without truth; then truth that is another frame's.
     let truth = dir.join("truth/000001.json");
@@ -248,7 +248,7 @@ fn a_scenario_is_read_strictly() {
         assert!(text(&out.stderr).contains(words), "{}", text(&out.stderr));
     }
     let out = retina(&["navigate", "full-disk", file.to_str().unwrap(), "--kind", "camera"]);
-    assert!(text(&out.stderr).contains("into the scenario"), "{}", text(&out.stderr));
+    assert!(text(&out.stderr).contains("belongs to a folder of frames"), "{}", text(&out.stderr));
 }
 
 #[test]

@@ -172,6 +172,22 @@ fn the_far_range_experiment_is_taken_up_where_it_was_left() {
     let refused = retina(&["navigate", "far-range", scenario, "--out", out.to_str().unwrap()]);
     assert_eq!(refused.status.code(), Some(2));
     assert!(text(&refused.stderr).contains("holds poses of another scenario"), "{}", text(&refused.stderr));
+    // A planet named twice, an arrival that no ephemeris has, a calibration that nothing uses, a shard without poses:
+    // refused before anything runs.
+    let fresh = folder.path().join("fresh");
+    let refuse = |scenario_text: String, flags: &[&str], words: &str| {
+        std::fs::write(folder.path().join("far-range.toml"), scenario_text.replace("../setups", setups))
+            .unwrap();
+        let common = ["navigate", "far-range", scenario, "--out", fresh.to_str().unwrap()];
+        let refused = retina(&[&common, flags].concat());
+        assert_eq!(refused.status.code(), Some(2));
+        assert!(text(&refused.stderr).contains(words), "{}", text(&refused.stderr));
+        assert!(!fresh.join("poses.jsonl").exists());
+    };
+    refuse(own.replace("\"saturn\"]", "\"venus\"]"), &[], "a planet is named twice (found `venus`");
+    refuse(own.replace("2034-06-01", "2100-06-01"), &[], "keys `transfer.arrival` and `transfer.days`");
+    refuse(own.clone(), &["--calibration", "none.toml"], "none.toml: is not used");
+    refuse(own.clone(), &["--poses", "3", "--shard", "5/9"], "--shard: holds no pose");
     // A planet that is none is named.
     let wrong = own.replace("\"saturn\"]", "\"pluto\"]").replace("../setups", setups);
     std::fs::write(folder.path().join("far-range.toml"), wrong).unwrap();

@@ -177,7 +177,7 @@ pub(crate) fn check_values(path: &Path, values: &[(&str, f64, bool, &str)]) -> R
 }
 
 impl<'a> Chain<'a> {
-    /// Reads the scene, claims the folder, and calibrates the bench where that is not done.
+    /// Reads the scene, has `check` look at it, claims the folder, and calibrates the bench where that is not done.
     ///
     /// # Errors
     /// Something does not fit, the folder is another scenario's, or the calibration fails.
@@ -185,6 +185,7 @@ impl<'a> Chain<'a> {
         scenario: &ChainScenario,
         out: &'a Path,
         backend: BackendChoice,
+        check: impl FnOnce(&Scene) -> Result<(), InputError>,
         watcher: &mut dyn Watcher,
     ) -> Result<Self, ExperimentError> {
         let (seed, selection) = (scenario.seed, scenario.selection);
@@ -193,6 +194,7 @@ impl<'a> Chain<'a> {
             return Err(InputError::new(&scenario.scene, "shows no facility").into());
         };
         selection.frames(scene.frame_count())?;
+        check(&scene)?;
         std::fs::create_dir_all(out)
             .map_err(|error| InputError::new(out, format!("the folder cannot be made: {error}")))?;
         claim(out, &scenario.hash)?;

@@ -201,11 +201,12 @@ fn files_that_are_no_whole_kernel_are_refused() {
         "{cut}"
     );
     assert!(refused("cut.bsp", &whole[..1500]).contains("is cut short"));
+    let short = refused("short.bsp", b"DAF/SPK ");
+    assert!(short.contains("is cut short (found 8 bytes, expected 1024 bytes"), "{short}");
     for (name, bytes) in [
         ("empty.bsp", &b""[..]),
         ("text.bsp", b"a table of planets, as text"),
         ("leap.tls", b"KPL/LSK\n\\begindata\n"),
-        ("short.bsp", b"DAF/SPK "),
         ("axes.bpc", &changed(0, b"DAF/PCK ")),
     ] {
         let text = refused(name, bytes);
@@ -230,6 +231,10 @@ fn files_that_are_no_whole_kernel_are_refused() {
     ] {
         assert!(refused("damaged.bsp", &damaged).contains("the kernel is damaged"));
     }
+    // A coefficient of the Sun's: anise would panic on it.
+    let broken = refused("nan.bsp", &changed((3 * 128 + 5) * 8, &f64::NAN.to_le_bytes()));
+    assert!(broken.contains("the kernel is damaged (found what is no number"), "{broken}");
+    assert!(broken.contains("segment of the Sun (NAIF 10), word 390"), "{broken}");
     // Words of the Sun's segment: 2 records of 50, then epoch, length, size and number of records.
     let zero_size = changed((3 * 128 + 102) * 8, &0f64.to_le_bytes());
     let error = folder.read("size.bsp", &zero_size).unwrap().solar_system(FROM_S).unwrap_err();

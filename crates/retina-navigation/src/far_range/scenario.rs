@@ -263,6 +263,10 @@ impl Scenario {
         let calibration_path = choice.calibration.clone().or_else(own).or_else(|| setup.calibration_path());
         let of_transfer = file.transfer.as_ref().and_then(|transfer| transfer.images.taken());
         let on_bench = [Some(file.images), of_transfer].contains(&Some(Images::Bench));
+        if let (Some(unused), false) = (&choice.calibration, on_bench) {
+            return Err(InputError::new(unused, "is not used: no image comes from the bench")
+                .help("choose images of the bench (`bench`), or name no calibration"));
+        }
         let calibration = match (&calibration_path, on_bench) {
             (Some(own), true) => Some(Calibration::read(own, &setup)?),
             (None, true) => {
@@ -279,6 +283,15 @@ impl Scenario {
         let transfer = file.transfer.as_ref().map(|transfer| transfer.read(path)).transpose()?;
         let kernels: Vec<PathBuf> = file.ephemeris.iter().map(|own| folder.join(own)).collect();
         let ephemeris = Ephemeris::read(&kernels).map_err(|error| error.named_by(path, "ephemeris"))?;
+        if let Some(transfer) = &transfer {
+            // A day beyond both ends: light is hours old, and the last session follows the arrival.
+            let begin_s = transfer.arrival_tdb_s - transfer.length_s;
+            for epoch_s in [begin_s - 86_400.0, transfer.arrival_tdb_s + 86_400.0] {
+                ephemeris.solar_system(epoch_s).map_err(|error| {
+                    InputError::new(path, error.to_string()).at("keys `transfer.arrival` and `transfer.days`")
+                })?;
+            }
+        }
         let setup_text = read_text(&setup_path)?;
         let calibration_text = match (&calibration, &calibration_path) {
             (Some(_), Some(own)) => read_text(own)?,
@@ -446,6 +459,11 @@ impl TransferFile {
                     .found(format!("`{name}`"))
                     .expected(Planet::ALL.map(Planet::name).join(", ")));
             };
+            if planets.contains(&planet) {
+                return Err(InputError::new(path, "a planet is named twice")
+                    .at("key `transfer.planets`")
+                    .found(format!("`{name}`")));
+            }
             planets.push(planet);
         }
         if planets.len() < 2 {

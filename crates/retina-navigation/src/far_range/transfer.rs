@@ -120,6 +120,13 @@ impl Course {
         };
         let begin = dynamics.propagate(arrival, mars_s, begin_s);
         let sessions = plan(transfer, ephemeris, &dynamics, begin, begin_s)?;
+        if sessions.iter().all(|session| session.planet(0, transfer.images_per_session).is_none()) {
+            return Err(FarRangeError::Sky(
+                "in no session of the transfer is there a planet to look at: of `planets` none is bright, small and far \
+                 enough from the Sun (`sun_exclusion_deg`)"
+                    .to_owned(),
+            ));
+        }
         Ok(Self { dynamics, begin, begin_s, sessions })
     }
 

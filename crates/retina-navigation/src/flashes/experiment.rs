@@ -9,7 +9,7 @@ use retina_campaign::{camera_image, saturation_dn};
 use retina_files::InputError;
 use retina_image::{DetectOptions, detect_points};
 use retina_radiometry::{ScreenResponse, irradiance_of_magnitude_w_m2_nm};
-use retina_scene::Compensation;
+use retina_scene::{Compensation, Scene};
 use retina_screen::PointPainter;
 
 use super::detect::ZeroPoint;
@@ -32,12 +32,14 @@ pub fn run_scenario(
     backend: BackendChoice,
     watcher: &mut dyn Watcher,
 ) -> Result<Vec<Watched>, ExperimentError> {
-    let chain = Chain::open(&scenario.chain, out, backend, watcher)?;
-    let Some(exposure_s) = chain.scene().flashes.as_ref().map(|flashes| flashes.exposure_s) else {
-        return Err(InputError::new(&scenario.chain.scene, "has no flashes")
-            .expected("a table [flashes]")
-            .into());
+    let file = &scenario.chain.scene;
+    let mut exposure_s = 0.0;
+    let check = |scene: &Scene| {
+        let missing = || InputError::new(file, "has no flashes").expected("a table [flashes]");
+        exposure_s = scene.flashes.as_ref().ok_or_else(missing)?.exposure_s;
+        Ok(())
     };
+    let chain = Chain::open(&scenario.chain, out, backend, check, watcher)?;
     let ideal = chain.screens("ideal", Compensation::None, watcher)?;
     let upstream = chain.screens("upstream", Compensation::Direct, watcher)?;
     let mut facility = chain.facility()?;

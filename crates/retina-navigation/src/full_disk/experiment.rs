@@ -6,7 +6,7 @@ use std::path::Path;
 use retina_batch::{BackendChoice, Selection};
 use retina_bench::OpticsDetail;
 use retina_files::InputError;
-use retina_scene::Compensation;
+use retina_scene::{Compensation, Scene};
 use retina_sky::ephemeris::Ephemeris;
 
 use super::filter::{FilterOptions, run_filter};
@@ -29,7 +29,15 @@ pub fn run_scenario(
     backend: BackendChoice,
     watcher: &mut dyn Watcher,
 ) -> Result<Vec<Sequence>, ExperimentError> {
-    let chain = Chain::open(&scenario.chain, out, backend, watcher)?;
+    let file = &scenario.chain.scene;
+    let check = |scene: &Scene| match &scene.bodies[..] {
+        [_] => Ok(()),
+        bodies => Err(InputError::new(file, "the experiment measures one body")
+            .at("key `body`")
+            .found(format!("{} bodies", bodies.len()))
+            .expected("a scene with one")),
+    };
+    let chain = Chain::open(&scenario.chain, out, backend, check, watcher)?;
     let mut screens = Vec::new();
     for (name, mode) in [("uncompensated", Compensation::None), ("upstream", Compensation::Direct)] {
         screens.push(chain.screens(name, mode, watcher)?);

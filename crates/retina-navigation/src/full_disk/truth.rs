@@ -97,11 +97,18 @@ impl FrameTruth {
         };
         let Some(seen) = found else {
             let listed = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
-            return Err(InputError::new(path, "it is not clear which body is measured")
-                .at("key `bodies`")
-                .found(listed)
-                .expected(body.map_or("one body".to_owned(), |name| format!("`{name}`")))
-                .help("name it by --body"));
+            let error = InputError::new(
+                path,
+                match body {
+                    Some(_) => "the body that is asked for is not in it",
+                    None => "it is not clear which body is measured",
+                },
+            );
+            let error = error.at("key `bodies`").found(listed);
+            return Err(match body {
+                Some(name) => error.expected(format!("`{name}`")),
+                None => error.expected("one body").help("name one by --body, or render a scene that has one"),
+            });
         };
         let quaternion = |key: &str, [w, x, y, z]: [f64; 4]| {
             let q = DQuat::from_xyzw(x, y, z, w);

@@ -105,7 +105,7 @@ pub enum Refusal {
     },
     /// The stars are there, seen in a mirror.
     #[error(
-        "the image is mirrored left to right: flipped it fits {} stars about right ascension {:.3} deg, declination {:.3} deg",
+        "the image is mirrored left to right (or was said to be, and is not): flipped it fits {} stars about right ascension {:.3} deg, declination {:.3} deg",
         .flipped.matches.len(), .flipped.ra_dec_roll_rad()[0].to_degrees(), .flipped.ra_dec_roll_rad()[1].to_degrees()
     )]
     Mirrored {

@@ -78,6 +78,13 @@ pub(super) fn segments(path: &Path, bytes: &[u8]) -> Result<Vec<Segment>, InputE
             check_length(path, bytes.len(), (last as usize).saturating_mul(8))?;
             if is_used(target) {
                 check_segment(path, target, frame, kind)?;
+                // Whatever evaluates the words trusts them.
+                let words = &bytes[(first as usize - 1) * 8..last as usize * 8];
+                let broken = |word: &[u8]| !double_of(word).is_finite();
+                if let Some(word) = words.chunks_exact(8).position(broken) {
+                    let place = format!("segment of {}, word {}", body_name(target), first as usize + word);
+                    return Err(damaged("what is no number".to_owned()).at(place));
+                }
             }
             found.push(Segment { target, span_s });
         }
@@ -86,10 +93,17 @@ pub(super) fn segments(path: &Path, bytes: &[u8]) -> Result<Vec<Segment>, InputE
     Err(damaged("summary records in a ring".to_owned()))
 }
 
+/// A little-endian double.
+fn double_of(word: &[u8]) -> f64 {
+    word.try_into().map_or(f64::NAN, f64::from_le_bytes)
+}
+
 /// What the file's first record says that it is.
 fn check_kind(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
     let begins = bytes.get(..8).unwrap_or(bytes);
-    if begins != b"DAF/SPK " || bytes.len() < RECORD_BYTES {
+    if begins == b"DAF/SPK " {
+        check_length(path, bytes.len(), RECORD_BYTES)?;
+    } else {
         let error = InputError::new(path, "is no SPK kernel")
             .found(format!("{} bytes that begin with `{}`", bytes.len(), begins.escape_ascii()))
             .expected("a binary kernel, which begins with `DAF/SPK `");

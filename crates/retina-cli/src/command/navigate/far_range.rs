@@ -46,7 +46,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_enum)]
     images: Option<ImagesName>,
     /// Images of one more run of the transfer's filter, in the place of the scenario's own.
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, conflicts_with = "shard")]
     transfer_images: Option<TransferImagesName>,
     /// Number of random poses, in the place of the scenario's own.
     #[arg(long)]
@@ -97,6 +97,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         None => scenario.poses.count,
         Some(shard) => (scenario.poses.count + shard.count - 1 - shard.index) / shard.count,
     };
+    if count == 0 {
+        return Err(InputError::new(Path::new("--shard"), "holds no pose")
+            .found(format!("more shards than the {} poses", scenario.poses.count))
+            .into());
+    }
     let bar = crate::progress::counter(count as u64, "poses");
     let advance = &mut |done| bar.set_position(done as u64);
     let results = run_poses(&scenario, arguments.shard, &arguments.out, advance)?;

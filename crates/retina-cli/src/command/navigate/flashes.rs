@@ -68,6 +68,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     options.check(Path::new("the command line"), |key| format!("--{}", key.replace('_', "-")))?;
     let light = arguments.light()?;
     let kind = if folder.images.is_some() { ImageKind::Camera } else { ImageKind::Screen };
+    if let (ImageKind::Screen, Some(flag)) = (kind, arguments.camera_flag()) {
+        return Err(InputError::new(Path::new(flag), "belongs to camera images")
+            .help("the light of screen images is known from the setup; name photographs by --images")
+            .into());
+    }
     let source = Source::open(folder.choice(Some(kind), LimbOptions::default(), 0.0))?;
     let mut notes = flash_notes(&source)?;
     if kind == ImageKind::Camera && arguments.spot_sigma_px.is_none() {
@@ -139,6 +144,15 @@ fn scenario(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Arguments {
+    /// What is given of a camera's light.
+    fn camera_flag(&self) -> Option<&'static str> {
+        let given = [
+            ("--zero-point-magnitude", self.zero_point_magnitude.is_some()),
+            ("--spot-sigma-px", self.spot_sigma_px.is_some()),
+        ];
+        given.iter().find(|(_, given)| *given).map(|(flag, _)| *flag)
+    }
+
     fn light(&self) -> Result<CameraLight, InputError> {
         let spot_sigma_px = self.spot_sigma_px.unwrap_or(SPOT_SIGMA_PX);
         let zero_point = self.zero_point_magnitude.unwrap_or(0.0);
