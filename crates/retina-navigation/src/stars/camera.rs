@@ -67,14 +67,18 @@ impl StarCamera {
         Some(line_of_sight)
     }
 
-    /// The points of a detection, brightest first; those without a line of sight are left out.
+    /// The points of a detection, brightest first; those without a line of sight are left out, and saturated ones that
+    /// the image's edge cuts: their centroid is that of the part within.
     pub fn points(&self, detected: &[LightPoint]) -> Vec<StarPoint> {
         detected
             .iter()
             .filter_map(|point| {
                 let pixel = DVec2::new(point.x_px, point.y_px);
                 let usable = point.flux_dn > 0.0 && point.flux_dn.is_finite() && point.sigma_px.is_finite();
-                let line_of_sight = self.line_of_sight(pixel).filter(|_| usable)?;
+                let size = DVec2::new(f64::from(self.pinhole.width_px), f64::from(self.pinhole.height_px));
+                let to_edge_px = pixel.min(size - pixel).min_element();
+                let cut_by_edge = point.saturated && to_edge_px < point.saturation_reach_px;
+                let line_of_sight = self.line_of_sight(pixel).filter(|_| usable && !cut_by_edge)?;
                 let cut_px = if point.saturated { saturation_sigma_px(point) } else { 0.0 };
                 Some(StarPoint {
                     pixel,
@@ -142,5 +146,7 @@ mod tests {
         assert!((points[0].sigma_rad / 0.001_003_35 - 0.4877).abs() < 1e-4);
         assert!((points[1].sigma_rad / 0.001_003_35 - 0.01).abs() < 1e-4);
         assert!((points[0].line_of_sight.x - -0.040_134).abs() < 1e-6);
+        // A cut of 4 px radius, 3.5 px from the image's edge: part of it is outside.
+        assert_eq!(camera.points(&[point(3.5, true), point(4.5, true), point(3.5, false)]).len(), 2);
     }
 }
