@@ -114,6 +114,8 @@ fn a_trajectory_points_at_the_planet_of_the_kernel() {
     assert!(seen.angle_between(apparent) < 5e-7, "{}", seen.angle_between(apparent));
 
     assert_refused(&run("2028-01-01"), &["2028-01-01", "2027-06-04"]);
+    let standing = retina(&["trajectory", "--kind", "lumio-halo", "--step-s", "0", "--out", &out]);
+    assert_refused(&standing, &["--step-s", "a time above 0"]);
 }
 
 #[test]

@@ -76,6 +76,12 @@ enum Kind {
 
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     crate::check_file(&arguments.out, "csv")?;
+    if !arguments.step_s.is_finite() || arguments.step_s <= 0.0 {
+        return Err(InputError::new("--step-s", "does not fit")
+            .found(arguments.step_s)
+            .expected("a time above 0")
+            .into());
+    }
     let (wanted, foreign) = match arguments.kind {
         Kind::LumioHalo => (LumioHalo::default().frames, arguments.seed.map(|_| "--seed")),
         Kind::DeepSpace => {

@@ -121,7 +121,12 @@ fn rows(sequences: &[Watched]) -> Vec<Vec<String>> {
                 format!("{}, {}, {}", s.flashes, s.hidden, s.outside),
                 format!("{}, {}", s.watched, s.found),
                 half.unwrap_or_else(|| {
-                    if s.found > 0 { "all are found" } else { "none is found" }.to_owned()
+                    match (s.watched, s.found) {
+                        (0, _) => "-",
+                        (_, 0) => "none is found",
+                        _ => "all are found",
+                    }
+                    .to_owned()
                 }),
                 format!("{:.3} ({})", s.false_per_frame, s.expected_false_per_frame),
                 or_none(s.magnitude_error.map(|[mean, sigma]| format!("{mean:+.3}, {sigma:.3}"))),
