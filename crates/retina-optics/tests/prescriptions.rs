@@ -63,7 +63,12 @@ fn what_does_not_fit_is_refused_with_its_place() {
         ),
         ("y_tan = 0.1", "y_mm = 0.1", "field 1: the field does not go with the object", "tangents"),
         ("entrance_pupil_mm = 10.0", "", "the beam's size must be given once", ""),
-        ("retina.optics/1", "retina.optics/2", "schema: is not a prescription of this schema", ""),
+        (
+            "retina.optics/1",
+            "retina.optics/2",
+            "key `schema`: is not a prescription (found `retina.optics/2`",
+            "",
+        ),
         ("glass = \"N-BK7\"", "part = \"AC508-150-A\"", "a stock lens brings its own radii", ""),
         ("glass = \"N-BK7\"", "index = 0.5", "no medium has this index", ""),
         ("entrance_pupil_mm = 10.0", "f_number = nan", "beam: the beam has no extent", ""),
