@@ -2,7 +2,7 @@
 
 The prescriptions are read here from the same TOML files, glass indices are computed here from
 assets/optics/glasses.csv and handed to both programs, and rays are launched here: only the tracing of the
-three is compared. Writes the frozen vectors of crates/retina-optics/tests (--write), and a report
+three is compared. Writes the frozen vectors of retina-optics/tests (--write), and a report
 (schema retina.validation-optics/1) to out/optics/report.json.
 
     out/venv-optics/bin/python validation/optics_optiland.py [--retina PATH] [--write] [--speed]

@@ -26,7 +26,7 @@ SETUP = ROOT / "assets" / "setups" / "wide-fov.toml"
 TRUTH = {"r": (2.1e-8, 2.23, 2e-4, 4e-6), "g": (2.4e-8, 2.18, 1.5e-4, 5e-6), "b": (1.4e-8, 2.20, 3e-4, 6e-6)}
 WAVELENGTH_NM = {"r": 605.0, "g": 544.0, "b": 475.0}
 FLOOR_W_M2, PROPORTIONAL = 1e-7, 0.004
-# The curve of the paper's camera, as crates/retina-radiometry/src/efficiency.rs has it.
+# The curve of the paper's camera, as retina-radiometry/src/efficiency.rs has it.
 QE = np.array([
     (297, 0.046335), (347, 0.21472), (397, 0.46362), (447, 0.63806), (497, 0.66967), (547, 0.68317),
     (597, 0.62862), (647, 0.56362), (697, 0.46565), (747, 0.35428), (797, 0.26281), (847, 0.16923),

@@ -6,7 +6,7 @@
 Skyfield gets the stars from I/311 itself (the PyPI package), not from the packed catalogue; DE421 comes
 from the PyPI package skyfield-data. Observers: the Earth's centre, and random places 0.7 to 5.2 au from the
 Sun with velocities, which Skyfield takes as barycentric positions. The exit code is 1 where a tolerance is
-exceeded. --freeze writes crates/retina-sky/tests/skyfield.json, which the crate's tests read.
+exceeded. --freeze writes retina-sky/tests/skyfield.json, which the crate's tests read.
 """
 
 import argparse
@@ -29,7 +29,7 @@ import build_catalogue
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = Path(os.environ.get("CARGO_TARGET_DIR") or ROOT / "target") / "release/examples/sky_vectors"
-FROZEN = ROOT / "crates/retina-sky/tests/skyfield.json"
+FROZEN = ROOT / "retina-sky/tests/skyfield.json"
 AU_M, DAY_S, J2000 = 149_597_870_700.0, 86_400.0, 2_451_545.0
 ARCSEC = np.pi / 648_000.0
 STARS_ARCSEC, PLANETS_ARCSEC, MAGNITUDE = 0.1, 1.0, 0.02

@@ -1,0 +1,31 @@
+//! Data that RETINA's libraries carry in themselves.
+//!
+//! The folder also holds files that the command reads by path (bodies, calibrations, scenarios). Those are not part
+//! of this crate. `NOTICE` in the repository names the source of each.
+
+/// Stars of the Hipparcos catalogue to V 8.4, packed; `retina-sky` reads it.
+pub const HIPPARCOS: &[u8] = include_bytes!("catalogues/hipparcos.bin");
+
+/// Stock doublets by part number, `optics/doublets.csv`.
+pub const DOUBLETS_CSV: &str = include_str!("optics/doublets.csv");
+
+/// Dispersion of the glasses by name, `optics/glasses.csv`.
+pub const GLASSES_CSV: &str = include_str!("optics/glasses.csv");
+
+/// Lens systems that ship: name and prescription (`retina.optics/1`).
+pub const PRESCRIPTIONS: [(&str, &str); 8] = [
+    ("reference-1.0fc-wide", include_str!("optics/reference-1.0fc-wide.toml")),
+    ("reference-1.0fc-narrow", include_str!("optics/reference-1.0fc-narrow.toml")),
+    ("reference-1.3fc-wide", include_str!("optics/reference-1.3fc-wide.toml")),
+    ("reference-1.3fc-narrow", include_str!("optics/reference-1.3fc-narrow.toml")),
+    ("reference-1.5fc-wide", include_str!("optics/reference-1.5fc-wide.toml")),
+    ("reference-1.5fc-narrow", include_str!("optics/reference-1.5fc-narrow.toml")),
+    ("cooke-triplet", include_str!("optics/cooke-triplet.toml")),
+    ("double-gauss", include_str!("optics/double-gauss.toml")),
+];
+
+/// The paper's wide configuration (25 mm objective), `retina.setup/1`.
+pub const WIDE_FOV_SETUP: &str = include_str!("setups/wide-fov.toml");
+
+/// The paper's narrow configuration (50 mm objective), `retina.setup/1`.
+pub const NARROW_FOV_SETUP: &str = include_str!("setups/narrow-fov.toml");

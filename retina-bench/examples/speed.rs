@@ -1,0 +1,58 @@
+//! Times of the virtual bench: how long it takes to build, and frames a second of points and of a disc.
+//! `cargo run --release -p retina-bench --example speed [SETUP]`
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use retina_bench::{Bench, BenchOptions, Exposure, ScreenImage};
+use retina_geometry::Setup;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/setups/wide-fov.toml");
+    let path = std::env::args().nth(1).map_or_else(|| PathBuf::from(default), PathBuf::from);
+    let setup = Setup::read(&path)?;
+    let start = Instant::now();
+    let bench = Bench::new(&setup, &BenchOptions::default())?;
+    println!("build: {:.2} s, {} threads", start.elapsed().as_secs_f64(), rayon::current_num_threads());
+
+    // 300 points, three pixels each, over the field and over brightness.
+    let mut points = ScreenImage::dark(1920, 1200);
+    for i in 0..300u32 {
+        let (x, y) = (170 + i * 73 % 1580, 20 + i * 191 % 1160);
+        let count = [20, 60, 120, 255][i as usize % 4];
+        for (dx, dy) in [(0, 0), (1, 0), (0, 1)] {
+            points.set(x + dx, y + dy, [count; 3]);
+        }
+    }
+    let mut disc = ScreenImage::dark(1920, 1200);
+    for y in 0..1200 {
+        for x in 0..1920 {
+            if (f64::from(x) - 960.0).hypot(f64::from(y) - 600.0) < 560.0 {
+                disc.set(x, y, [180; 3]);
+            }
+        }
+    }
+    for (name, screen, frames) in [("300 points", &points, 40u64), ("disc of 1120 px", &disc, 5)] {
+        let mut exposure = Exposure::new(0.01, 0);
+        bench.expose(screen, &exposure)?;
+        let start = Instant::now();
+        let mut parts = [0.0; 2];
+        for frame in 0..frames {
+            exposure.frame = frame;
+            let begun = Instant::now();
+            let light = bench.light_e(screen, &exposure)?;
+            parts[0] += begun.elapsed().as_secs_f64();
+            bench.read(&light, &exposure);
+            parts[1] += begun.elapsed().as_secs_f64();
+        }
+        let each = start.elapsed().as_secs_f64() / frames as f64;
+        println!(
+            "{name}: {:.1} frames/s ({:.1} ms: light {:.1}, sensor {:.1})",
+            1.0 / each,
+            1e3 * each,
+            1e3 * parts[0] / frames as f64,
+            1e3 * (parts[1] - parts[0]) / frames as f64
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,136 @@
+use std::path::Path;
+
+use super::*;
+
+fn setup(name: &str) -> Setup {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/setups");
+    Setup::read(&folder.join(name)).unwrap()
+}
+
+/// Coarse enough for tests.
+fn quick() -> BenchOptions {
+    let detail = OpticsDetail { nodes: [5, 4], lines: 1, half_px: 24 };
+    BenchOptions { detail, ..BenchOptions::default() }
+}
+
+fn centroid(light: &[f32], width: usize, about: [f64; 2], half: i64) -> ([f64; 2], f64) {
+    let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
+    let (cx, cy) = (about[0] as i64, about[1] as i64);
+    for j in cy - half..=cy + half {
+        for i in cx - half..=cx + half {
+            if i >= 0 && j >= 0 && (i as usize) < width && (j as usize) < light.len() / width {
+                let value = f64::from(light[j as usize * width + i as usize]);
+                sum += value;
+                x += value * (i as f64 + 0.5);
+                y += value * (j as f64 + 0.5);
+            }
+        }
+    }
+    ([x / sum, y / sum], sum)
+}
+
+/// A green sub-pixel's image has its centroid where the optics say, and its light: that of a star of the
+/// channel's share (eq. 10), times cos^4 and the solid angle. Black, glare and mura off.
+#[test]
+fn a_point_lands_where_it_should_with_its_light() {
+    let mut setup = setup("wide-fov.toml");
+    setup.optics.veiling_glare = 0.0;
+    setup.optics.coating_reflectance = 0.0;
+    setup.optics.black_level = 0.0;
+    setup.optics.mura = 0.0;
+    let bench = Bench::new(&setup, &quick()).unwrap();
+    let exposure = Exposure::new(1e-3, 0);
+    for at in [[960, 600], [1500, 250], [300, 1100]] {
+        let mut screen = ScreenImage::dark(1920, 1200);
+        screen.set(at[0], at[1], [0, 255, 0]);
+        let light = bench.light_e(&screen, &exposure).unwrap();
+        let expected = bench.land_px([f64::from(at[0]) + 0.5, f64::from(at[1]) + 0.5], 1, &exposure).unwrap();
+        let (got, sum) = centroid(&light, 2048, expected, 22);
+        assert!((got[0] - expected[0]).hypot(got[1] - expected[1]) < 0.05, "{got:?} {expected:?}");
+        // K_f shows about the same place: distortion is 2 % of it at most.
+        let k = setup
+            .facility_pinhole()
+            .line_of_sight(glam::DVec2::new(f64::from(at[0]) + 0.5, f64::from(at[1]) + 0.5));
+        let pinhole = setup.camera_pinhole().pixel(k);
+        assert!((pinhole.x - expected[0]).hypot(pinhole.y - expected[1]) < 25.0, "{pinhole} {expected:?}");
+        if at == [960, 600] {
+            let star = bench.star_e_s(setup.brightest_magnitude()) * 1e-3 / 3.0;
+            assert!((sum / star - 1.0).abs() < 0.02, "{sum} {star}");
+        }
+    }
+}
+
+/// The two ways of laying light on the sensor agree for what is resolved: in light, place and the mean
+/// over pixels. The scene's grid of whole pixels does not hold the beat of the screen's pixels with the
+/// camera's, which reaches 2 % where the optics are sharpest.
+#[test]
+fn points_and_scenes_agree() {
+    let mut setup = setup("wide-fov.toml");
+    setup.optics.mura = 0.0;
+    let bench = Bench::new(&setup, &quick()).unwrap();
+    for middle in [[960.0, 600.0], [1500.0, 250.0]] {
+        let mut screen = ScreenImage::dark(1920, 1200);
+        for row in 0..1200 {
+            for column in 0..1920 {
+                let d = (f64::from(column) - middle[0]).hypot(f64::from(row) - middle[1]);
+                if d < 40.3 {
+                    screen.set(column, row, [200; 3]);
+                }
+            }
+        }
+        // So long that what points leave out (0.02 electrons a source and pixel) does not count.
+        let exposure = Exposure::new(1.0, 0);
+        let sources = bench.sources(&screen, &exposure).unwrap();
+        let mut points = vec![0f32; 2048 * 1536];
+        let mut scene = points.clone();
+        bench.optics().add_points(&mut points, &sources);
+        bench.optics().add_scene(&mut scene, &sources);
+        let peak = points.iter().copied().fold(0.0, f32::max);
+        let worst = points.iter().zip(&scene).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(peak > 50.0 && worst < 0.03 * peak, "{worst} of {peak}");
+        let lit = points.iter().filter(|v| **v > 0.5 * peak).count() as f64;
+        let square: f64 = points.iter().zip(&scene).map(|(a, b)| f64::from(a - b).powi(2)).sum();
+        assert!((square / lit).sqrt() < 0.012 * f64::from(peak), "{} of {peak}", (square / lit).sqrt());
+        let sums = [&points, &scene].map(|image| image.iter().map(|v| f64::from(*v)).sum::<f64>());
+        assert!((sums[0] / sums[1] - 1.0).abs() < 1e-3, "{sums:?}");
+        let about = bench.land_px(middle, 1, &exposure).unwrap();
+        let [a, b] = [&points, &scene].map(|image| centroid(image, 2048, about, 90).0);
+        assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-3, "{a:?} {b:?}");
+    }
+}
+
+/// An exposure is the same bytes again, another frame is not; an unlit one has the offset and the read
+/// noise that the setup states.
+#[test]
+fn noise_is_the_setups_and_repeats() {
+    let setup = setup("wide-fov.toml");
+    let bench = Bench::new(&setup, &quick()).unwrap();
+    let dark = ScreenImage::dark(1920, 1200);
+    let first = bench.expose(&dark, &Exposure::new(0.01, 3)).unwrap();
+    assert_eq!(first, bench.expose(&dark, &Exposure::new(0.01, 3)).unwrap());
+    let other = bench.expose(&dark, &Exposure::new(0.01, 4)).unwrap();
+    assert_ne!(first, other);
+    // Differences of two frames hold no fixed pattern: twice the variance of read noise, rounding and the
+    // dark current's few electrons.
+    let gain = bench.sensor().gain_e_per_dn;
+    let count = first.dn.len() as f64;
+    let difference = |i: usize| f64::from(first.dn[i]) - f64::from(other.dn[i]);
+    let variance = (0..first.dn.len()).map(|i| difference(i).powi(2)).sum::<f64>() / count / 2.0;
+    let black = f64::from(bench.light_e(&dark, &Exposure::new(0.01, 0)).unwrap()[0]);
+    let expected = (2.3f64.powi(2) + 0.01 + black) / gain.powi(2) + 1.0 / 12.0;
+    assert!((variance / expected - 1.0).abs() < 0.05, "{variance} {expected}");
+    let mean = first.dn.iter().map(|&v| f64::from(v)).sum::<f64>() / count;
+    assert!((mean - 32.0).abs() < 0.05, "{mean}");
+}
+
+/// With the same pupil and sensor, a brighter screen saturates where it should.
+#[test]
+fn a_full_pixel_is_full() {
+    let bench = Bench::new(&setup("wide-fov.toml"), &quick()).unwrap();
+    let mut screen = ScreenImage::dark(1920, 1200);
+    screen.set(960, 600, [255; 3]);
+    let frame = bench.expose(&screen, &Exposure::new(1.0, 0)).unwrap();
+    assert_eq!(frame.dn.iter().copied().max().unwrap(), 4095);
+    let error = bench.expose(&ScreenImage::dark(10, 10), &Exposure::new(1.0, 0)).unwrap_err();
+    assert!(error.to_string().contains("[10, 10]"), "{error}");
+}
