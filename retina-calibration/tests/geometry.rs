@@ -4,12 +4,12 @@
 
 mod common;
 
+use common::response::response;
 use common::{ARCSEC, Facility, LIKELY, l_of, wide};
 use glam::DVec2;
 use retina_calibration::geometry::{CalibrateOptions, ModelForm, calibrate, to_json, write_calibration};
-use retina_formats::{Calibration, PointsTable};
+use retina_formats::{Calibration, Channel, PointsTable, log10_irradiance};
 use retina_geometry::Setup;
-use retina_radiometry::ScreenResponse;
 
 /// Worst distance over the camera's field between what D^-1 says and the screen's true line of sight, arcsec.
 fn worst_arcsec(facility: &Facility, setup: &Setup, read: &Calibration, count: f64) -> f64 {
@@ -110,14 +110,28 @@ fn irradiance_enters_only_where_it_is_in_the_data() {
 fn a_measured_response_says_how_bright_the_points_were() {
     let setup = wide();
     let table = LIKELY.table(&setup, 30, 150, 11);
-    let curve = |full: f64| (0..256).map(|b| full * (f64::from(b) / 255.0).powf(1.8)).collect::<Vec<_>>();
-    let response = ScreenResponse::measured([curve(1e-11), curve(2e-11), curve(1e-11)]).unwrap();
-    let options = CalibrateOptions { response: Some(response), ..CalibrateOptions::default() };
-    let [low, high] = calibrate(&table, &setup, &options).unwrap().range_log10_irradiance;
+    let options = CalibrateOptions { response: Some(response(&setup, 1.8)), ..CalibrateOptions::default() };
+    let result = calibrate(&table, &setup, &options).unwrap();
+    let [low, high] = result.range_log10_irradiance;
     let counts = || table.rows.iter().filter(|row| !row.saturated).map(|row| row.digital_count);
     let of = |count: f64| 1.8 * (count / 255.0).log10();
     assert!((low - of(counts().fold(f64::MAX, f64::min))).abs() < 1e-9);
     assert!((high - of(counts().fold(0.0, f64::max))).abs() < 1e-9);
+    // The file holds the response, and every reader takes D^-1 by it.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("calibration.toml");
+    write_calibration(&path, &result, &table, &setup).unwrap();
+    let read = Calibration::read(&path, &setup).unwrap();
+    let l = log10_irradiance(&read.screen_response(&setup), Channel::W, 51.0);
+    assert!((l - of(51.0)).abs() < 1e-9, "{l}");
+    // Writing again keeps it; a fit without it is refused, since its D^-1 would be read by the wrong light.
+    let bytes = std::fs::read(&path).unwrap();
+    write_calibration(&path, &result, &table, &setup).unwrap();
+    assert_eq!(std::fs::read(&path).unwrap(), bytes);
+    let plain = calibrate(&table, &setup, &CalibrateOptions::default()).unwrap();
+    let error = write_calibration(&path, &plain, &table, &setup).unwrap_err().to_string();
+    assert!(error.contains("a response that the fit did not take"), "{error}");
+    assert_eq!(std::fs::read(&path).unwrap(), bytes);
 }
 
 #[test]

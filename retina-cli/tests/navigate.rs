@@ -6,8 +6,8 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use glam::{DQuat, DVec3};
-use retina_navigation::far_range::sky::sources;
 use retina_navigation::stars::StarCamera;
+use retina_navigation::synthetic::sources;
 use retina_sky::ephemeris::Ephemeris;
 use retina_sky::observer::Observer;
 use serde_json::Value;

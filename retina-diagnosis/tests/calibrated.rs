@@ -3,13 +3,18 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod common;
+#[path = "../../retina-calibration/tests/common/response.rs"]
+mod response;
 
 use std::path::Path;
 
 use common::{ARCSEC, Campaign, Point, setup};
 use glam::DVec2;
 use retina_calibration::geometry::{CalibrateOptions, calibrate, write_calibration};
-use retina_diagnosis::{Baseline, Dataset, DiagnoseOptions, Diagnosis, Source, Verdict, diagnose};
+use retina_diagnosis::{
+    AddedEffect, Baseline, Dataset, DiagnoseOptions, Diagnosis, Source, Verdict, compare, diagnose, fit,
+    write_model,
+};
 use retina_formats::{Calibration, Measurements, PointsTable};
 use retina_geometry::Setup;
 
@@ -91,4 +96,64 @@ fn effects_beyond_the_calibrations_error_are_named() {
     let coma = |p: &Point| lens(p) + p.r / 0.1413 * 4.0 * ARCSEC * (p.f / (p.f + 0.15) - 0.5) * 2.0;
     let found = against(&setup, &path, 703, 999, &coma);
     assert_eq!((found.verdict, found.accepted), (Verdict::Named, vec!["flux_coma"]));
+}
+
+/// The display follows (B / 255)^1.5, and coma moves bright points. A calibration that was made by this response is read
+/// by it; by the setup's exponent 2.2 its D^-1 would be taken at the wrong irradiance. A model that is fitted on top keeps
+/// response and covariance.
+#[test]
+fn a_calibration_is_read_by_its_own_response() {
+    let setup = setup();
+    let coma = |p: &Point| lens(p) + 6.0 * ARCSEC * (p.count / 255.0).log10() * 1.5 * p.r / 0.1413;
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, seed: u64, effect: &dyn Fn(&Point) -> DVec2| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, Campaign::new(seed).table(&setup, effect)).unwrap();
+        path
+    };
+    let table = PointsTable::read(&[write("first.csv", 5, &coma)]).unwrap();
+    let measured = response::response(&setup, 1.5);
+    let options = CalibrateOptions { response: Some(measured.clone()), ..CalibrateOptions::default() };
+    let result = calibrate(&table, &setup, &options).unwrap();
+    let path = folder.path().join("calibration.toml");
+    write_calibration(&path, &result, &table, &setup).unwrap();
+    let calibration = Calibration::read(&path, &setup).unwrap();
+
+    let tables = Measurements::read(&[write("second.csv", 6, &coma)]).unwrap();
+    let data = |tables: &Measurements, calibration: &Calibration| {
+        Dataset::new(&Source {
+            tables,
+            setup: &setup,
+            calibration: Some(calibration),
+            response: None,
+            baseline: Baseline::Physical,
+        })
+        .unwrap()
+    };
+    let rms = |calibration: &Calibration| compare(&data(&tables, calibration), &[]).rms;
+    let (right, wrong) = (rms(&calibration), rms(&Calibration { response: None, ..calibration.clone() }));
+    println!("by its own response {right:.3} arcsec, by the setup's {wrong:.3}");
+    // Noise 1.5 and jitter 0.45 arcsec: 1.57.
+    assert!(right < 1.65 && wrong > 1.1 * right, "{right} {wrong}");
+
+    let tilted = |p: &Point| coma(p) + 20.0 * ARCSEC * p.r.x / 0.1413 * p.r / 0.1413;
+    let tables = Measurements::read(&[write("third.csv", 7, &tilted)]).unwrap();
+    let found = data(&tables, &calibration);
+    let added = [AddedEffect::read("screen_tilt", &found).unwrap()];
+    let model = folder.path().join("model.toml");
+    let Measurements::Points(points) = &tables else { panic!("points") };
+    let fitted = fit(&found, &added).unwrap();
+    write_model(&model, &found, &fitted, &added, &setup, points, Some(&calibration)).unwrap();
+    let model = Calibration::read(&model, &setup).unwrap();
+    assert_eq!(model.response, Some(measured));
+    let covariance = model.covariance.as_ref().unwrap();
+    assert!(covariance.iter().all(|value| value.is_finite()) && covariance[0] > 0.0);
+    // The model stands for the tilted facility: on fresh points of it nothing but noise is left.
+    let fresh = Measurements::read(&[write("fourth.csv", 8, &tilted)]).unwrap();
+    let (with, without) = (data(&fresh, &model), data(&fresh, &calibration));
+    let [with_rms, without_rms] = [&with, &without].map(|data| compare(data, &[]).rms);
+    println!("the model leaves {with_rms:.3} arcsec, the calibration {without_rms:.3}");
+    assert!(with_rms < 1.7 && without_rms > 3.0, "{with_rms} {without_rms}");
+    let verdict = diagnose(&with, &[], &DiagnoseOptions { flips: 299, seed: 1 }).verdict;
+    assert_eq!(verdict, Verdict::Adequate);
 }

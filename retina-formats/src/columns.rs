@@ -24,6 +24,13 @@ pub struct SourceFile {
     pub rows: usize,
 }
 
+impl SourceFile {
+    /// A file of which nothing else is known.
+    pub fn new(path: impl Into<PathBuf>, blake3: String) -> Self {
+        Self { path: path.into(), blake3, setup: None, note: None, rows: 0 }
+    }
+}
+
 /// A numeric column that the table's schema does not name: a covariate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExtraColumn {

@@ -40,7 +40,7 @@ observed_rows_px = 1200
 /// focal length, within the 2 % by which a lens may differ.
 #[test]
 fn the_moon_is_explained_step_by_step() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let photo = root.join("../shared/data/real/moon_25mm/photo.png");
     if !photo.exists() {
         println!("skipped: {} is not there", photo.display());

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_files::{InputError, read_schema};
+use retina_files::{InputError, parse_schema, read_text};
 use serde::Deserialize;
 
 use crate::{NoiseSetup, OpticsSetup, Pinhole};
@@ -147,7 +147,15 @@ impl Setup {
     /// # Errors
     /// The file cannot be read, holds an unknown key, or a size that is not positive.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let mut setup: Self = read_schema(path, "retina.setup/1", "a facility setup")?;
+        Self::parse(&read_text(path)?, path)
+    }
+
+    /// As [`Setup::read`], from text; `path` names it in errors, and paths in it are relative to `path`.
+    ///
+    /// # Errors
+    /// As [`Setup::read`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
+        let mut setup: Self = parse_schema(path, text, "retina.setup/1", "a facility setup")?;
         setup.file = path.to_path_buf();
         setup.check(path)?;
         Ok(setup)

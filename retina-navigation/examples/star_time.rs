@@ -10,9 +10,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng as _;
 use rand_distr::{Distribution as _, StandardNormal};
 use retina_image::{Background, CameraImage, DetectOptions, detect_points};
-use retina_navigation::far_range::sky::sources;
 use retina_navigation::image::{ImageContext, solve_image};
 use retina_navigation::stars::{SolverOptions, StarCamera, StarSolver};
+use retina_navigation::synthetic::sources;
 use retina_sky::ephemeris::{ASTRONOMICAL_UNIT_M, Ephemeris};
 use retina_sky::observer::Observer;
 

@@ -8,9 +8,9 @@ use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
 use rand_distr::{Distribution as _, StandardNormal};
 use rayon::prelude::*;
 use retina_geometry::Pinhole;
-use retina_navigation::far_range::points::{PointNoise, measured};
-use retina_navigation::far_range::sky::{Source, sources};
 use retina_navigation::stars::{Refusal, SolverOptions, StarCamera, StarPoint, StarSolution, StarSolver};
+use retina_navigation::synthetic::{PointNoise, measured};
+use retina_navigation::synthetic::{Source, sources};
 use retina_sky::ephemeris::{ASTRONOMICAL_UNIT_M, Ephemeris};
 use retina_sky::observer::Observer;
 

@@ -2,15 +2,22 @@
 //! W m^-2 sr^-1 nm^-1 at 550 nm and as I/F, linear.
 //!
 //! - [`FrameState`], [`BodyModel`], [`BodyState`]: what a frame shows; [`RadianceImage`]: what comes back.
-//! - [`GpuRenderer`]: wgpu, from a real GPU to Mesa's lavapipe.
+//! - [`GpuRenderer`]: wgpu, from a real GPU to Mesa's lavapipe. It is behind the feature `gpu`, which is on by default;
+//!   without it no adapter is ever found.
 //! - [`CpuRenderer`]: an independent f64 ray caster, reference and fallback.
 //! - [`GpuWarp`]: resampling through the facility's distortion on the way back.
 
 mod cpu;
 mod frame;
+#[cfg(feature = "gpu")]
 mod gpu;
+#[cfg(not(feature = "gpu"))]
+mod no_gpu;
 mod small;
 
 pub use cpu::{CpuRenderer, CpuSampling};
 pub use frame::{BodyModel, BodyState, FrameState, PLANE_NAMES, Planes, Quality, RadianceImage, RenderError};
+#[cfg(feature = "gpu")]
 pub use gpu::{FRAMES_IN_FLIGHT, GpuDevice, GpuRenderer, GpuWarp};
+#[cfg(not(feature = "gpu"))]
+pub use no_gpu::{FRAMES_IN_FLIGHT, GpuDevice, GpuRenderer, GpuWarp};

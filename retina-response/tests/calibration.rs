@@ -121,8 +121,10 @@ fn the_file_is_read_back_and_keeps_what_it_held() {
     std::fs::write(&path, held).unwrap();
     assert_eq!(RadiometricCalibration::read(&path, &wide).unwrap(), None);
     let stored = |made: &Calibrated, setup: &Setup| {
-        CalibrationFile::read_or_new(&path, setup)
-            .map(|file| CalibrationFile { response: Some(made.record(&wide)), ..file })
+        CalibrationFile::read_or_new(&path, setup).map(|mut file| {
+            file.response = Some(made.record(&wide));
+            file
+        })
     };
     stored(&made, &wide).unwrap().write(&path).unwrap();
     assert_eq!(RadiometricCalibration::read(&path, &wide).unwrap().unwrap(), made.calibration);

@@ -178,7 +178,7 @@ fn listed(
 }
 
 fn source(path: &Path) -> Result<SourceFile, InputError> {
-    Ok(SourceFile { path: path.to_path_buf(), blake3: hash_file(path)?, setup: None, note: None, rows: 0 })
+    Ok(SourceFile::new(path, hash_file(path)?))
 }
 
 fn exposure(table: &Table, row: usize) -> Result<Option<f64>, InputError> {

@@ -2,6 +2,8 @@
 //! the light, noise that falls with it, exposures that jitter, and wrong matches.
 #![allow(dead_code, reason = "each test file uses a part of it")]
 
+pub(crate) mod response;
+
 use std::path::Path;
 
 use glam::DVec2;

@@ -8,7 +8,7 @@ use super::matrix::Matrix6;
 
 /// GM of the Sun and of the bodies of `Planet::ALL` (Mercury, Venus, Earth, Moon, Mars, Jupiter, Saturn, Uranus,
 /// Neptune; systems with their moons), m^3/s^2 (JPL DE440, Park et al. 2021).
-pub(crate) const GM_M3_S2: [f64; BODIES] = [
+pub const GM_M3_S2: [f64; BODIES] = [
     1.327_124_400_412_794e20,
     2.203_186_855_1e13,
     3.248_585_92e14,
@@ -144,7 +144,7 @@ impl Dynamics {
 }
 
 /// The classical fourth-order Runge-Kutta method in equal steps of at most `longest_s`.
-pub(crate) fn runge_kutta<const N: usize>(
+pub fn runge_kutta<const N: usize>(
     rate: impl Fn(f64, &[f64; N]) -> [f64; N],
     start: [f64; N],
     from_s: f64,

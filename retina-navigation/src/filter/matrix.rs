@@ -9,7 +9,7 @@ pub type Vector6 = [f64; 6];
 pub type Matrix6 = [[f64; 6]; 6];
 
 /// A B.
-pub(crate) fn product<const N: usize, const M: usize, const K: usize>(
+pub fn product<const N: usize, const M: usize, const K: usize>(
     a: &[[f64; M]; N],
     b: &[[f64; K]; M],
 ) -> [[f64; K]; N] {
@@ -17,7 +17,7 @@ pub(crate) fn product<const N: usize, const M: usize, const K: usize>(
 }
 
 /// A B^T.
-pub(crate) fn product_transposed<const N: usize, const M: usize, const K: usize>(
+pub fn product_transposed<const N: usize, const M: usize, const K: usize>(
     a: &[[f64; M]; N],
     b: &[[f64; M]; K],
 ) -> [[f64; K]; N] {

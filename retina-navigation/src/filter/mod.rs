@@ -11,11 +11,9 @@ mod matrix;
 mod measurement;
 mod triangulation;
 
-pub use dynamics::{Dynamics, PhaseState};
-pub(crate) use dynamics::{GM_M3_S2, runge_kutta};
+pub use dynamics::{Dynamics, GM_M3_S2, PhaseState, runge_kutta};
 pub use ekf::{Filter, Innovation};
 pub use ephemeris::{BODIES, EphemerisTable};
-pub use matrix::{Matrix6, Vector6, cholesky, quadratic_form_inverse};
-pub(crate) use matrix::{product, product_transposed};
+pub use matrix::{Matrix6, Vector6, cholesky, product, product_transposed, quadratic_form_inverse};
 pub use measurement::{apparent_direction, tangent_axes};
 pub use triangulation::{Beacon, Fix, triangulate};

@@ -1,6 +1,9 @@
 //! Points of light on the night side.
 
+use std::path::Path;
+
 use glam::DVec2;
+use retina_files::InputError;
 use retina_image::{Area, CameraImage, Centroid, DetectOptions, detect_points_in};
 use serde::{Deserialize, Serialize};
 
@@ -21,6 +24,41 @@ pub struct FlashOptions {
     pub relief: f64,
     /// Side of the cells in which level and noise are found, px.
     pub mesh_px: usize,
+}
+
+impl FlashOptions {
+    /// Refuses values that a detector cannot have; `path` is whom an error blames, `place` says where a key stands.
+    ///
+    /// # Errors
+    /// A value out of its range.
+    pub fn check(&self, path: &Path, place: impl Fn(&str) -> String) -> Result<(), InputError> {
+        let margin = |value: f64| (0.0..1e4).contains(&value);
+        for (key, value, fits, expected) in [
+            (
+                "false_alarms_per_frame",
+                self.false_alarms_per_frame,
+                (1e-12..=1e3).contains(&self.false_alarms_per_frame),
+                "1e-12 to 1000",
+            ),
+            ("limb_margin_px", self.limb_margin_px, margin(self.limb_margin_px), "0 or more"),
+            (
+                "terminator_margin_px",
+                self.terminator_margin_px,
+                margin(self.terminator_margin_px),
+                "0 or more",
+            ),
+            ("relief", self.relief, (0.0..1.0).contains(&self.relief), "0 to 1, of the radius"),
+            ("mesh_px", self.mesh_px as f64, (16..=1024).contains(&self.mesh_px), "16 to 1024"),
+        ] {
+            if !fits {
+                return Err(InputError::new(path, "the value does not fit")
+                    .at(place(key))
+                    .found(value)
+                    .expected(expected));
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Default for FlashOptions {
@@ -53,7 +91,7 @@ impl ZeroPoint {
     }
 
     /// Squared distance from the middle of an image of a size, the corners' being one.
-    pub(super) fn distance2(px: DVec2, size_px: DVec2) -> f64 {
+    pub fn distance2(px: DVec2, size_px: DVec2) -> f64 {
         (px - 0.5 * size_px).length_squared() / (0.25 * size_px.length_squared())
     }
 

@@ -1,12 +1,12 @@
 //! Made-up campaigns of a known response.
 #![allow(dead_code, clippy::unwrap_used, reason = "each test file takes what it needs")]
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
-use retina_formats::Channel;
+use retina_formats::{Channel, SourceFile};
 use retina_response::{ChannelResponse, Reading};
 
 /// I_full [(1 - b) (B/255)^gamma exp(bend(ln(B/255))) + b], and a meter.
@@ -79,7 +79,7 @@ pub(crate) fn readings(truth: &Truth, plan: &[(usize, f64)], seed: u64, stated: 
 }
 
 pub(crate) fn fit(readings: &[Reading]) -> Result<ChannelResponse, retina_files::InputError> {
-    ChannelResponse::fit(Channel::Green, readings, &[(PathBuf::from("power.csv"), String::new())])
+    ChannelResponse::fit(Channel::G, readings, &[SourceFile::new("power.csv", String::new())])
 }
 
 /// The three channels' readings as a table.

@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use retina_batch::Shard;
-use retina_files::InputError;
-use retina_navigation::far_range::{
+use retina_experiments::far_range::{
     Choice, FarRangeError, ImagedResult, Images, Scenario, Transfer, TransferImages, report, run_imaged,
     run_poses, run_transfer, summarise,
 };
+use retina_files::InputError;
 use serde_json::Value;
 
 use super::steps::{results_name, write};

@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use retina_files::InputError;
-use retina_navigation::experiment::Watcher as _;
-use retina_navigation::flashes::{
-    CameraLight, FlashOptions, FlashScenario, ZeroPoint, figure_rates, flash_notes, report, run_scenario,
-    summarise, watch_sequence,
+use retina_experiments::experiment::Watcher as _;
+use retina_experiments::flashes::{
+    CameraLight, FlashScenario, figure_rates, flash_notes, report, run_scenario, summarise, watch_sequence,
 };
-use retina_navigation::full_disk::{ImageKind, Source};
+use retina_experiments::full_disk::{ImageKind, Source};
+use retina_files::InputError;
+use retina_navigation::flashes::{FlashOptions, ZeroPoint};
 use retina_navigation::limb::LimbOptions;
 
 use super::frames_folder::FramesFolder;

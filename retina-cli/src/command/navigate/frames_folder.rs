@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use retina_batch::{FrameRange, Selection, Shard};
+use retina_experiments::full_disk::{ImageKind, SourceChoice};
+use retina_experiments::lines::list_name;
 use retina_files::InputError;
-use retina_navigation::full_disk::{ImageKind, SourceChoice};
 use retina_navigation::limb::LimbOptions;
-use retina_navigation::lines::list_name;
 use serde_json::Value;
 
 use super::steps::{results_folder, results_name, write};

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_files::InputError;
-use retina_navigation::experiment::Watcher as _;
-use retina_navigation::full_disk::{
+use retina_experiments::experiment::Watcher as _;
+use retina_experiments::full_disk::{
     FilterOptions, FullDiskScenario, ImageKind, Source, SourceChoice, figure_15, navigate, report,
     run_scenario,
 };
+use retina_files::InputError;
 use retina_navigation::limb::LimbOptions;
 use retina_sky::ephemeris::Ephemeris;
 

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
 use retina_batch::{FrameRange, Shard};
+use retina_experiments::experiment::{ExperimentError, Watcher};
 use retina_files::{InputError, write_atomic};
-use retina_navigation::experiment::{ExperimentError, Watcher};
 
 use crate::failure::Failure;
 use crate::output::tell;
