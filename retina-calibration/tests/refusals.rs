@@ -80,7 +80,7 @@ fn cells_that_do_not_fit_are_refused_and_unknown_columns_are_not() {
 fn points_of_another_camera_are_refused_or_warned_of() {
     let text = refusal(|table| table.rows[7].camera_roll_deg = Some(90.0));
     assert!(text.contains("points.csv, line 9") && text.contains("one roll of the camera"), "{text}");
-    let text = refusal(|table| table.rows[7].camera_px.x = 2051.0);
+    let text = refusal(|table| table.rows[7].camera_px.x = 2090.0);
     assert!(text.contains("points.csv, line 9, column `camera_x_px`: the centroid lies outside"), "{text}");
     let text = refusal(|table| table.rows[7].screen_px.y = -0.1);
     assert!(text.contains("the point lies outside the screen"), "{text}");

@@ -20,6 +20,8 @@ fn size(kind: &EffectKind) -> &'static str {
     match (kind.id, kind.units[0].0) {
         (EffectId::Power(PowerEffect::Gamma), _) => "2.5",
         (EffectId::Power(PowerEffect::AttenuatorNotChanged), _) => "3",
+        // A campaign lasts minutes, the loss is stated for 1000 hours.
+        (EffectId::Power(PowerEffect::Ageing), _) => "1000000%",
         (EffectId::Points(PointsEffect::SubpixelOffset), _) => "0.1px",
         (EffectId::Points(PointsEffect::ThermalFocal), _) => "500ppm/K",
         (EffectId::Frames(FramesEffect::Saturation), _) => "500e",

@@ -106,8 +106,9 @@ const KNOWN: [&str; 16] = [
     "camera_roll_deg",
     "series",
 ];
-/// A centroid may lie beyond the sensor's edge by this much, px: the spot is then cut.
-const EDGE_PX: f64 = 2.0;
+/// A centroid may lie beyond the sensor's edge by this share of the side: a spot that the edge cuts, and simulated
+/// points whose lens was changed after they were chosen.
+const EDGE_SHARE: f64 = 0.02;
 
 impl PointsTable {
     /// Reads several tables of one facility together.
@@ -168,7 +169,7 @@ impl PointsTable {
         let (sensor_px, screen_px) =
             (size(camera.width_px, camera.height_px), size(screen.width_px, screen.height_px));
         let outside = |place: DVec2, size: DVec2, edge: f64| {
-            let beyond = |k: usize| place[k] < -edge || place[k] > size[k] + edge;
+            let beyond = |k: usize| place[k] < -edge * size[k] || place[k] > (1.0 + edge) * size[k];
             (0..2).find(|&k| beyond(k))
         };
         for row in &self.rows {
@@ -177,7 +178,7 @@ impl PointsTable {
                     "the centroid lies outside the sensor",
                     row.camera_px,
                     sensor_px,
-                    EDGE_PX,
+                    EDGE_SHARE,
                     ["camera_x_px", "camera_y_px"],
                 ),
                 (
