@@ -9,7 +9,7 @@ use crate::output::{print_json, print_lines, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// As `retina render` takes it.
+    /// Renderer to check, as in `retina render`.
     #[arg(long, value_enum, default_value_t)]
     backend: Backend,
     /// Print a JSON document on standard output.

@@ -10,15 +10,15 @@ use crate::output::{print_json, print_lines};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// An effect's id; without one all are listed.
+    /// Id of an effect [default: list all effects].
     effect: Option<String>,
-    /// Effects on one table alone.
+    /// List only the effects on this kind of table.
     #[arg(long, value_enum)]
     table: Option<Table>,
     /// Print a JSON document on standard output.
     #[arg(long)]
     json: bool,
-    /// Write a page with what each looks like.
+    /// Write a page that draws the signature of each effect.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
 }

@@ -16,16 +16,16 @@ use crate::output::{print_json, print_lines, tell};
 pub(crate) struct Arguments {
     #[command(flatten)]
     input: Input,
-    /// An effect of the catalogue, or a file with a formula; may be given more than once.
+    /// Effect to fit: an id of the catalogue, or a file with a formula. Repeat the flag for more.
     #[arg(long = "effect", value_name = "ID|FILE", required = true)]
     effects: Vec<String>,
-    /// Writes the model as a calibration.
+    /// Write the model as a calibration (tables of points only).
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Writes baseline, effect and error of every row.
+    /// Write the baseline, effect and error of every row.
     #[arg(long, value_name = "FILE")]
     predictions: Option<PathBuf>,
-    /// Writes a page with plots and figures, which opens offline.
+    /// Write a report page with plots and figures. It opens offline.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     /// Print a JSON document on standard output.

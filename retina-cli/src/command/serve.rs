@@ -20,32 +20,36 @@ use crate::output::{print_json_line, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// A scene, schema retina.scene/1, whose one body is shown; its trajectory is not used.
+    /// Scene with one body, schema retina.scene/1. Its trajectory is not used.
     #[arg(required_unless_present = "corto")]
     scene: Option<PathBuf>,
     #[command(flatten)]
     corto: CortoArguments,
-    /// Metres in a unit of the poses' positions, with a scene; a sidecar says it for --corto.
+    /// Length of one unit of the poses' positions, m.
+    ///
+    /// This is for a scene. With --corto the sidecar gives it.
     #[arg(long, value_name = "M", default_value_t = 1.0, conflicts_with = "corto")]
     scale_m_per_bu: f64,
-    /// Displayed over true radiance, where a facility shows the images.
+    /// Radiance scale, displayed over true radiance, if a facility shows the images.
     #[arg(long, value_name = "SCALE")]
     radiance_scale: Option<f64>,
-    /// Address that is listened on. Whoever reaches it can ask for images.
+    /// Address to listen on.
+    ///
+    /// Anyone who can reach it can request images.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     listen: IpAddr,
-    /// UDP port of the poses; 0 for any free one.
+    /// UDP port for poses; 0 takes any free port.
     #[arg(long, value_name = "PORT", default_value_t = 51_001)]
     pose_port: u16,
-    /// TCP port of the images; 0 for any free one.
+    /// TCP port for images; 0 takes any free port.
     #[arg(long, value_name = "PORT", default_value_t = 30_001)]
     image_port: u16,
-    /// End after so many images.
+    /// Stop after N images.
     #[arg(long, value_name = "N")]
     frames: Option<usize>,
     #[command(flatten)]
     rendering: Rendering,
-    /// Print where poses and clients are awaited and what was done, as JSON documents, a line each.
+    /// Print JSON documents, one a line: first the ports, at the end a summary.
     #[arg(long)]
     json: bool,
 }

@@ -13,17 +13,23 @@ use crate::failure::Failure;
 
 #[derive(clap::Args)]
 pub(crate) struct Input {
-    /// The facility, schema retina.setup/1.
+    /// Facility, schema retina.setup/1.
     #[arg(long)]
     setup: PathBuf,
-    /// A table of points, power, phase or frames; may be given more than once.
+    /// Measurement table: points, power, phase or frames.
+    ///
+    /// Its columns show which. Repeat the flag to read several tables of one facility together.
     #[arg(long, required = true, value_name = "TABLE")]
     data: Vec<PathBuf>,
-    /// A calibration that is held fixed: for points its distortion, but for shift, rotation and scale; for power its
-    /// response, but for one gain.
+    /// Calibration to hold fixed.
+    ///
+    /// For points its distortion is held; only shift, rotation and scale are fitted. For power
+    /// readings its response is held; only one gain is fitted.
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// What is fitted always. Points: `physical`, or `polynomial:N` with N from 1 to 7. Frames: `physical` (gain, offset,
+    /// Baseline model, which is always fitted.
+    ///
+    /// Points: `physical`, or `polynomial:N` with N from 1 to 7. Frames: `physical` (gain, offset,
     /// shift, roll, scale), or `gain` alone.
     #[arg(long, default_value = "physical")]
     baseline: String,

@@ -13,22 +13,24 @@ use crate::output::{print_json, print_lines, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// The facility that was measured, schema retina.setup/1.
+    /// Facility that was measured, schema retina.setup/1.
     #[arg(long)]
     setup: PathBuf,
-    /// Readings of the power meter, power.csv; may be given more than once, for one campaign.
+    /// Power-meter readings (power.csv). Repeat the flag for the tables of one campaign.
     #[arg(long, value_name = "TABLE", required = true)]
     data: Vec<PathBuf>,
-    /// The calibration to write; other tables of an existing one of the same setup are kept.
+    /// Calibration to write.
+    ///
+    /// If the file exists and belongs to the same setup, its other tables are kept.
     #[arg(long, value_name = "FILE.toml")]
     out: Option<PathBuf>,
-    /// Carry the response over to another magnification of the same display, and write that.
+    /// Scale the response to another magnification of the same display, and write that one.
     #[arg(long, value_name = "OTHER.toml")]
     for_setup: Option<PathBuf>,
-    /// Write one page with the figures.
+    /// Write a report page with the figures.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// Write the figures as response.svg and magnitude.svg into this folder.
+    /// Write the figures into this folder, as response.svg and magnitude.svg.
     #[arg(long, value_name = "DIR")]
     figures: Option<PathBuf>,
     /// Print a JSON document on standard output.

@@ -25,30 +25,35 @@ const BIN_MAGNITUDES: f64 = 0.5;
 pub(crate) struct Arguments {
     #[command(flatten)]
     folder: FramesFolder,
-    /// Magnitude whose light is one DN of the camera's images in their exposure; without it magnitudes are not measured
-    /// there.
+    /// Magnitude of a source that gives 1 DN in the camera images, at their exposure time.
+    ///
+    /// Without it, magnitudes are not measured in camera images.
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     zero_point_magnitude: Option<f64>,
-    /// What is added to it in the image's corners, elsewhere by the square of the distance from the middle: spots of other
-    /// widths than --spot-sigma-px lose light.
+    /// Magnitude added to the zero point in the corners of the image.
+    ///
+    /// Between the middle and the corners it grows with the square of the distance from the middle.
+    /// It corrects for the light lost by spots whose width differs from --spot-sigma-px.
     #[arg(long, value_name = "MAG", allow_negative_numbers = true, requires = "zero_point_magnitude")]
     zero_point_corner_magnitude: Option<f64>,
-    /// Standard deviation of a point's spot in the camera's images, px [default: 1].
+    /// Standard deviation of a point's spot in the camera images, px [default: 1].
     #[arg(long, value_name = "PX")]
     spot_sigma_px: Option<f64>,
-    /// False detections that normal noise gives in a frame: sets the threshold.
+    /// Expected number of false detections per frame from normal noise. It sets the threshold.
     #[arg(long, value_name = "N", default_value_t = FlashOptions::default().false_alarms_per_frame)]
     false_alarms_per_frame: f64,
-    /// Nothing is looked for so near to the limb, px.
+    /// Margin to the limb, px. No flash is searched for within it.
     #[arg(long, value_name = "PX", default_value_t = FlashOptions::default().limb_margin_px)]
     limb_margin_px: f64,
-    /// Nor so near to what may be lit, px.
+    /// Margin to terrain that may be sunlit, px. No flash is searched for within it.
     #[arg(long, value_name = "PX", default_value_t = FlashOptions::default().terminator_margin_px)]
     terminator_margin_px: f64,
-    /// Highest relief over its surroundings, over the body's radius: summits beyond the terminator may be lit.
+    /// Highest relief above its surroundings, divided by the body's radius.
+    ///
+    /// Such summits beyond the terminator may be sunlit.
     #[arg(long, value_name = "SHARE", default_value_t = FlashOptions::default().relief)]
     relief: f64,
-    /// Width of the bins of the detection rates.
+    /// Width of the magnitude bins of the detection rates.
     #[arg(long, value_name = "MAG", default_value_t = BIN_MAGNITUDES)]
     bin_magnitudes: f64,
 }

@@ -19,7 +19,7 @@ pub(crate) struct Arguments {
     /// Focal length of the camera's objective, mm.
     #[arg(long, value_name = "MM")]
     camera_focal_mm: f64,
-    /// The sensor: columns x rows @ pixel pitch in um.
+    /// Sensor: columns x rows @ pixel pitch in um.
     #[arg(long, value_name = "WxH@UM", value_parser = sensor, default_value = "2048x1536@3.45")]
     sensor: Sensor,
     /// F-number of the objective.
@@ -28,7 +28,7 @@ pub(crate) struct Arguments {
     /// Bits of the camera's digital numbers.
     #[arg(long, value_name = "BITS", default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..=32))]
     camera_bits: u32,
-    /// Take the screen from this setup; the paper's display if not given.
+    /// Setup whose screen is used [default: the paper's display].
     #[arg(long, value_name = "FILE")]
     screen_of: Option<PathBuf>,
     /// Focal length of the collimator, mm.
@@ -40,16 +40,16 @@ pub(crate) struct Arguments {
     /// Clear diameter of both lenses, mm.
     #[arg(long, value_name = "MM", default_value_t = PaperModel::LENS_DIAMETER_MM)]
     lens_mm: f64,
-    /// Camera pupil to collimator, mm; 1.3 times the collimator's focal length if not given.
+    /// Distance from the camera pupil to the collimator, mm [default: 1.3 times f_c].
     #[arg(long, value_name = "MM")]
     s_cam_mm: Option<f64>,
-    /// The extent in which the camera's field and the screen are matched.
+    /// Extent in which the camera's field is matched to the screen.
     #[arg(long, value_enum, default_value_t)]
     match_by: Matching,
     /// Name of the configuration.
     #[arg(long, default_value = "camera")]
     name: String,
-    /// The setup.toml to write.
+    /// Setup (setup.toml) to write.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
