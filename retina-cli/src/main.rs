@@ -101,10 +101,10 @@ fn check_file(path: &std::path::Path, extension: &str) -> Result<(), Failure> {
     if found.eq_ignore_ascii_case(extension) {
         return Ok(());
     }
-    Err(retina_files::InputError::new(path, "the name does not say what would be written")
+    Err(retina_files::InputError::new(path, "the file has the wrong extension")
         .found(format!("`.{found}`"))
         .expected(format!("`.{extension}`"))
-        .help("give the file another name")
+        .help("give the file a name with the expected extension")
         .into())
 }
 
@@ -126,9 +126,9 @@ fn check_apart<'a>(
     for path in outputs.into_iter().flatten() {
         let Some(at) = place(path) else { continue };
         let problem = if written.contains(&at) {
-            "would be written twice"
+            "is given for two outputs"
         } else if inputs.contains(&at) && both != Some(path) {
-            "is an input, and would be overwritten"
+            "is an input and would be overwritten"
         } else {
             written.push(at);
             continue;

@@ -42,7 +42,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(id) = &arguments.effect {
         let ids: Vec<&str> = list.iter().map(|effect| effect.id).collect();
         if !ids.contains(&id.as_str()) {
-            let error = InputError::new("EFFECT", "is no effect of the catalogue").found(format!("`{id}`"));
+            let error =
+                InputError::new("EFFECT", "is not an effect of the catalogue").found(format!("`{id}`"));
             let near = nearest(id, ids.iter().copied());
             return Err(match near {
                 Some(near) => error.help(format!("did you mean `{near}`?")),

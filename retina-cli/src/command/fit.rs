@@ -41,17 +41,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if data.kind != TableKind::Points && arguments.out.is_some() {
         return Err(InputError::new(
             "--out",
-            "writes the calibration of a geometry: it is for tables of points",
+            "writes a geometric calibration, which only tables of points give",
         )
         .found(format!("a table of {}", data.kind.name()))
-        .help("leave it out; --json and --predictions hold what was fitted")
+        .help("leave it out; --json and --predictions hold the result of the fit")
         .into());
     }
     let result = fit(data, &added)?;
     if let (Some(path), Material::Table(setup, _)) = (&arguments.out, &material) {
         let table = PointsTable::read(&data.files)?;
         let rms_arcsec = write_model(path, data, &result, &added, setup, &table)?;
-        tell!("the model's polynomials are {rms_arcsec:.2e} arcsec rms from its predictions");
+        tell!("the written polynomials differ from the model by {rms_arcsec:.2e} arcsec rms");
     }
     if let Some(path) = &arguments.predictions {
         write_predictions(path, data, &result)?;

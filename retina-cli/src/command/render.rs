@@ -82,7 +82,7 @@ fn report(summary: &Summary) {
     let dir = summary.dir.display();
     match (&summary.adapter, seconds_a_frame(summary)) {
         (Some(name), Some(each)) => tell!(
-            "{} frames in {:.1} s ({each:.3} s each), {} were there; radiance scale {:.6e}; {} ({}); {dir}",
+            "{} frames rendered in {:.1} s ({each:.3} s each), {} existed already; radiance scale {:.6e}; {} ({}); {dir}",
             summary.done,
             summary.seconds,
             summary.skipped,
@@ -91,9 +91,9 @@ fn report(summary: &Summary) {
             name.driver,
         ),
         _ if summary.skipped > 0 => {
-            tell!("nothing to do, all {} frames are there; {dir}", summary.skipped);
+            tell!("nothing to do, all {} frames exist already; {dir}", summary.skipped);
         }
-        _ => tell!("nothing to do, the selection holds no frame; {dir}"),
+        _ => tell!("nothing to do, the selection contains no frame; {dir}"),
     }
     if summary.spot_frames > 0 {
         tell!(

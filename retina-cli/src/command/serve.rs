@@ -60,14 +60,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let server =
         Server::bind(arguments.listen, arguments.pose_port, arguments.image_port).map_err(|error| {
             Failure::new(format!(
-                "UDP {0}:{1} or TCP {0}:{2} cannot be listened on: {error}",
+                "cannot listen on UDP {0}:{1} or TCP {0}:{2}: {error}",
                 arguments.listen, arguments.pose_port, arguments.image_port
             ))
         })?;
     let (mut scene, world) = scene(arguments)?;
     if let Some(scale) = arguments.radiance_scale {
         if !(scale.is_finite() && scale > 0.0) {
-            return Err(InputError::new("--radiance-scale", "the value is out of its range")
+            return Err(InputError::new("--radiance-scale", "the value is out of range")
                 .found(scale)
                 .expected("a number above 0")
                 .into());
@@ -86,7 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (poses, images) = (address(server.pose_address())?, address(server.image_address())?);
     let name = live.name().clone();
     tell!(
-        "ready after {:.2} s ({loaded_s:.2} s of them for the files): poses by UDP on {poses}, images by TCP on {images}; \
+        "ready after {:.2} s ({loaded_s:.2} s of it to load the files): poses by UDP on {poses}, images by TCP on {images}; \
          {} ({})",
         start.elapsed().as_secs_f64(),
         name.adapter,
@@ -101,13 +101,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     ctrlc::set_handler(move || flag.store(true, Ordering::Release))
-        .map_err(|error| Failure::new(format!("an interrupt could not be caught: {error}")))?;
+        .map_err(|error| Failure::new(format!("the interrupt handler cannot be installed: {error}")))?;
     let checks = FrameChecks::of(&scene);
     let mut loop_ = Loop { scene, world, live, checks, frames: 0, seconds: 0.0 };
     let mut render = |pose: &Pose| loop_.png(pose);
     let ended = server.run(&mut render, arguments.frames, &stop, &|text| tell!("{text}"));
     let each_s = if loop_.frames > 0 { loop_.seconds / loop_.frames as f64 } else { 0.0 };
-    tell!("{} images sent, {} requests refused; {each_s:.3} s an image rendered", ended.sent, ended.refused);
+    tell!(
+        "{} images sent, {} requests refused; {each_s:.3} s of rendering per image",
+        ended.sent,
+        ended.refused
+    );
     if arguments.json {
         print_json_line(&serde_json::json!({
             "schema": "retina.serve-summary/1", "images_sent": ended.sent, "requests_refused": ended.refused,
@@ -135,7 +139,7 @@ fn scene(arguments: &Arguments) -> Result<(Scene, World), Failure> {
     scene.bodies.iter_mut().for_each(|body| body.may_be_behind = true);
     let scale_m_per_bu = arguments.scale_m_per_bu;
     if !(scale_m_per_bu.is_finite() && scale_m_per_bu > 0.0) {
-        return Err(InputError::new("--scale-m-per-bu", "the value is out of its range")
+        return Err(InputError::new("--scale-m-per-bu", "the value is out of range")
             .found(scale_m_per_bu)
             .expected("metres above 0")
             .into());

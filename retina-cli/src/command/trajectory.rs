@@ -82,7 +82,7 @@ enum Kind {
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     crate::check_file(&arguments.out, "csv")?;
     if !arguments.step_s.is_finite() || arguments.step_s <= 0.0 {
-        return Err(InputError::new("--step-s", "does not fit")
+        return Err(InputError::new("--step-s", "is out of range")
             .found(arguments.step_s)
             .expected("a time above 0")
             .into());
@@ -106,13 +106,13 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     ];
     let elsewhere = of_site.iter().find(|(_, given)| *given && !matches!(arguments.kind, Kind::Site));
     if let Some(option) = foreign.or(elsewhere.map(|(option, _)| *option)) {
-        return Err(InputError::new(option, "has no meaning for this kind of trajectory")
+        return Err(InputError::new(option, "does not apply to this kind of trajectory")
             .help("leave the option out, or give another --kind")
             .into());
     }
     let frames = arguments.frames.unwrap_or(wanted);
     if !(1..=1_000_000).contains(&frames) {
-        return Err(InputError::new("--frames", "the number of frames does not fit")
+        return Err(InputError::new("--frames", "the number of frames is out of range")
             .found(frames)
             .expected("1 to 1000000")
             .into());
@@ -163,7 +163,7 @@ fn site(arguments: &Arguments, ephemeris: &Ephemeris, frames: usize) -> Result<(
     };
     let within = |option: &str, value: Option<f64>, most: f64, expected: &str| match value {
         Some(value) if value.abs() <= most => Ok(value),
-        Some(value) => Err(InputError::new(option, "does not fit").found(value).expected(expected)),
+        Some(value) => Err(InputError::new(option, "is out of range").found(value).expected(expected)),
         None => Err(missing(option, expected)),
     };
     let site = Site {
@@ -175,7 +175,7 @@ fn site(arguments: &Arguments, ephemeris: &Ephemeris, frames: usize) -> Result<(
     let name = arguments.target.as_deref().unwrap_or("moon");
     let Some(target) = Planet::from_name(name) else {
         let names: Vec<&str> = Planet::ALL.iter().map(|planet| planet.name()).collect();
-        return Err(InputError::new("--target", "is no body whose ephemeris is known")
+        return Err(InputError::new("--target", "is not a body with a known ephemeris")
             .found(format!("`{name}`"))
             .expected(names.join(", "))
             .into());

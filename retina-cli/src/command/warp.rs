@@ -48,13 +48,16 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     };
     let report = warp_file(&arguments.image, &setup, &calibration, direction, &arguments.out)?;
     if report.outside_px > 0 {
-        tell!("{} pixels read beyond the image's border, which is continued outwards", report.outside_px);
+        tell!(
+            "{} pixels need values beyond the image's border; the image is extended outwards for them",
+            report.outside_px
+        );
     }
     if report.clipped > 0 {
-        tell!("warning: {} samples are beyond the file's range and were cut off", report.clipped);
+        tell!("warning: {} samples were out of the file's range and were clipped", report.clipped);
     }
     for channel in &report.left_out {
-        tell!("channel `{channel}` holds infinities or NaNs, cannot be interpolated and is left out");
+        tell!("channel `{channel}` is left out: it holds infinities or NaNs, which cannot be interpolated");
     }
     if arguments.json {
         print_json(&json!({

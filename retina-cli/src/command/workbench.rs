@@ -70,8 +70,8 @@ impl Input {
             return Ok(Calibrated::Response);
         }
         let tables = if flag == "--baseline" { "points" } else { "points or of power readings" };
-        Err(InputError::new(flag, format!("is for tables of {tables}"))
-            .found(format!("{}, which is none", path.display()))
+        Err(InputError::new(flag, format!("applies only to tables of {tables}"))
+            .found(format!("{}, a table of another kind", path.display()))
             .help(format!("leave out {flag}: other tables have one baseline"))
             .into())
     }
@@ -86,7 +86,7 @@ impl Input {
             "physical" => true,
             "gain" => false,
             other => {
-                return Err(InputError::new("--baseline", "is no baseline of frames")
+                return Err(InputError::new("--baseline", "is not a baseline for frames")
                     .found(format!("`{other}`"))
                     .expected("`physical` (gain, offset, shift, roll, scale) or `gain`")
                     .into());
@@ -106,7 +106,7 @@ impl Input {
         if self.calibration.is_some() && baseline != Baseline::Physical {
             return Err(InputError::new(
                 "--baseline",
-                "means nothing beside --calibration, which is held fixed",
+                "has no effect with --calibration, which is held fixed",
             )
             .help("leave out one of the two")
             .into());
@@ -185,7 +185,7 @@ impl Material {
 pub(crate) fn pictures(set: &FrameSet) -> Section {
     Section::new("Images").figure(
         &set.pictures(),
-        "A row a state, from the baseline on. Errors: purple where the image is darker than predicted, orange where it is brighter; white pixels do not count. Errors of all states have one scale.",
+        "One row for each state, from the baseline on. In the errors, purple is darker than predicted and orange is brighter; white pixels do not count. The errors of all states share one scale.",
     )
 }
 

@@ -119,7 +119,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         geometry::write_report(path, &result, &table, &setup, &options)?;
     }
     if result.heldout_by_points {
-        tell!("fewer than 3 exposures: single points are left out instead of exposures");
+        tell!("fewer than 3 exposures: single points are held out instead of exposures");
     }
     if arguments.json {
         let mut document = to_json(&result, &setup);
@@ -143,7 +143,7 @@ fn response(arguments: &Arguments, setup: &Setup) -> Result<Option<ScreenRespons
     }
     let response = screen_response(&arguments.out, setup)?;
     if response.is_some() {
-        tell!("{}: its measured response is used", arguments.out.display());
+        tell!("{}: using its measured response", arguments.out.display());
     }
     Ok(response)
 }

@@ -43,8 +43,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         path.as_ref().map_or(Ok(()), |path| crate::check_file(path, extension))?;
     }
     if let Some(folder) = arguments.figures.as_ref().filter(|folder| !folder.is_dir()) {
-        return Err(InputError::new(folder, "is no folder")
-            .help("make it, or name another for --figures")
+        return Err(InputError::new(folder, "is not a folder")
+            .help("create the folder, or give --figures another one")
             .into());
     }
     let inputs = arguments.data.iter().chain([&arguments.setup]).chain(&arguments.for_setup);

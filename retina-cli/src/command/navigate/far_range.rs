@@ -100,7 +100,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(shard) => (scenario.poses.count + shard.count - 1 - shard.index) / shard.count,
     };
     if count == 0 {
-        return Err(InputError::new(Path::new("--shard"), "holds no pose")
+        return Err(InputError::new(Path::new("--shard"), "contains no pose")
             .found(format!("more shards than the {} poses", scenario.poses.count))
             .into());
     }
@@ -135,7 +135,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             let sigma_rad = transfer.line_of_sight_sigma_rad.unwrap_or(measured);
             if !sigma_rad.is_finite() || sigma_rad <= 0.0 {
                 return Err(Failure::new(
-                    "no planet was identified: the transfer has no line of sight to go by; give \
+                    "no planet was identified, so the noise of the lines of sight is unknown; give \
                      transfer.line_of_sight_sigma_arcsec",
                 ));
             }

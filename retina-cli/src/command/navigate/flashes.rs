@@ -75,26 +75,26 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let kind = if folder.images.is_some() { ImageKind::Camera } else { ImageKind::Screen };
     if let (ImageKind::Screen, Some(flag)) = (kind, arguments.camera_flag()) {
         return Err(InputError::new(Path::new(flag), "belongs to camera images")
-            .help("the light of screen images is known from the setup; name photographs by --images")
+            .help("the setup gives the light of screen images; give photographs with --images")
             .into());
     }
     let source = Source::open(folder.choice(Some(kind), LimbOptions::default(), 0.0))?;
     let mut notes = flash_notes(&source)?;
     if kind == ImageKind::Camera && arguments.spot_sigma_px.is_none() {
         notes.push(format!(
-            "no --spot-sigma-px: spots are taken to be {SPOT_SIGMA_PX} px wide (standard deviation)"
+            "no --spot-sigma-px: assuming spots with a standard deviation of {SPOT_SIGMA_PX} px"
         ));
     }
     if kind == ImageKind::Camera && arguments.zero_point_magnitude.is_none() {
         notes.push(
-            "no --zero-point-magnitude: the camera's light is not known, magnitudes are not measured"
+            "no --zero-point-magnitude: the camera's zero point is unknown, so magnitudes are not measured"
                 .to_owned(),
         );
     }
     notes.iter().for_each(|note| tell!("{note}"));
     let list = folder.frames_list()?;
     let mut steps = Steps::new();
-    steps.step("looking for flashes");
+    steps.step("searching for flashes");
     let all = source.frames.len();
     let frames =
         watch_sequence(&source, &light, &options, list.as_deref(), &mut |done| steps.done(done, all));
@@ -144,7 +144,7 @@ fn scenario(arguments: &Arguments) -> Result<(), Failure> {
     let document = report::scenario_document(&sequences, &scenario.detector, &notes);
     write(out, "flashes.json", &format!("{document:#}\n"))?;
     let page = folder.report.clone().unwrap_or_else(|| out.join("flashes.html"));
-    report::page("Flashes of impacts", &sequences, &notes).write(&page)?;
+    report::page("Impact flashes", &sequences, &notes).write(&page)?;
     folder.print(&document, &report::lines(&sequences))
 }
 
@@ -174,7 +174,7 @@ impl Arguments {
             ),
         ] {
             if !fits {
-                return Err(InputError::new(Path::new(flag), "the value does not fit")
+                return Err(InputError::new(Path::new(flag), "the value is out of range")
                     .found(value)
                     .expected(expected));
             }

@@ -75,7 +75,7 @@ impl FramesFolder {
         if let Some((flag, _)) = named.iter().chain(own).find(|(_, given)| *given) {
             return Err(InputError::new(Path::new(flag), "belongs to a folder of frames")
                 .found(self.input.display())
-                .help("leave it out: a scenario names what it needs by its own keys, or its scene does")
+                .help("leave it out: the scenario or its scene sets this by its own keys")
                 .into());
         }
         self.out

@@ -122,9 +122,9 @@ impl Arguments {
             ("--pointing-sigma-arcsec", pointing_arcsec, (0.0..3600.0).contains(&pointing_arcsec)),
         ] {
             if !fits {
-                return Err(InputError::new(Path::new(flag), "the value does not fit")
+                return Err(InputError::new(Path::new(flag), "the value is out of range")
                     .found(value)
-                    .expected("a finite number, 0 or more where it is a standard deviation")
+                    .expected("a finite number; a standard deviation must be 0 or more")
                     .into());
             }
         }

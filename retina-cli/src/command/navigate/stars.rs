@@ -115,7 +115,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             Err(error) => {
                 let file = path.display().to_string();
                 documents.push(json!({
-                    "file": file, "solved": false, "reason": "unreadable", "message": "the file is no image that fits",
+                    "file": file, "solved": false, "reason": "unreadable", "message": "the file is not a readable image of this camera",
                     "ra_deg": null, "dec_deg": null, "roll_deg": null, "matches": 0, "rms_arcsec": null, "planets": [],
                 }));
                 unreadable.get_or_insert(error);
@@ -194,10 +194,10 @@ impl Arguments {
             let (found, expected) =
                 ([image.width_px, image.height_px], [setup.camera.width_px, setup.camera.height_px]);
             if found != expected {
-                return Err(InputError::new(path, "the image is not of the setup's camera")
+                return Err(InputError::new(path, "the image does not have the size of the setup's camera")
                     .found(format!("{} x {} pixels", found[0], found[1]))
                     .expected(format!("{} x {}", expected[0], expected[1]))
-                    .help("give the setup of this camera, or --fov-deg in its place")
+                    .help("give the setup of this camera, or --fov-deg instead")
                     .into());
             }
         }
@@ -240,7 +240,7 @@ impl Arguments {
             ("--rms-arcsec", rms_arcsec, rms_arcsec > 0.0, "above 0"),
         ] {
             if !(fits && value.is_finite()) {
-                return Err(InputError::new(Path::new(flag), "the value does not fit")
+                return Err(InputError::new(Path::new(flag), "the value is out of range")
                     .found(value)
                     .expected(expected)
                     .into());
@@ -250,7 +250,7 @@ impl Arguments {
         let tdb_s = parse_epoch(time).map_err(|error| Failure::new(format!("--time: {error}")))?;
         // Proper motions are linear, and so are the ephemerides' centuries.
         if tdb_s.abs() > 100.0 * 365.25 * 86_400.0 {
-            return Err(InputError::new(Path::new("--time"), "is too far away")
+            return Err(InputError::new(Path::new("--time"), "is out of range")
                 .found(time)
                 .expected("the years 1900 to 2100")
                 .into());

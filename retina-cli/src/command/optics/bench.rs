@@ -104,7 +104,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.output.check()?;
     arguments.out.as_deref().map_or(Ok(()), |file| crate::check_file(file, "toml"))?;
     if arguments.name.is_empty() || arguments.name.chars().any(char::is_control) {
-        return Err(InputError::new("--name", "the name does not do")
+        return Err(InputError::new("--name", "the name is not valid")
             .found(format!("{:?}", arguments.name))
             .expected("text without line breaks or other control characters")
             .into());
@@ -139,8 +139,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let design = bench_design(&camera, &screen, &lenses, &BenchLimits::PAPER, arguments.match_by.into());
     let mut warnings = Vec::new();
     if !design.margins.all_hold() {
-        warnings
-            .push("a limit of the bench or a lens's rim is exceeded: see the negative margins".to_owned());
+        warnings.push(
+            "the design exceeds a limit of the bench or the rim of a lens: see the negative margins"
+                .to_owned(),
+        );
     }
     if design.rows_beyond_screen_px > 0.0 {
         warnings.push(format!(

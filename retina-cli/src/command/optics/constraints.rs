@@ -106,8 +106,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.output.print("constraints", &document, || match &range {
         None => vec!["no field is within the limits".to_owned()],
         Some(range) => vec![
-            format!("smallest diagonal field {:.3} deg, bound by {}", range.min_rad.to_degrees(), limits[0]),
-            format!("largest diagonal field {:.3} deg, bound by {}", range.max_rad.to_degrees(), limits[1]),
+            format!(
+                "smallest diagonal field {:.3} deg, limited by {}",
+                range.min_rad.to_degrees(),
+                limits[0]
+            ),
+            format!("largest diagonal field {:.3} deg, limited by {}", range.max_rad.to_degrees(), limits[1]),
         ],
     })
 }

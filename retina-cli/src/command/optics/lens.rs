@@ -244,7 +244,7 @@ pub(super) fn tolerance(arguments: &ToleranceArguments) -> Result<(), Failure> {
                 report.seed,
                 report.failed,
                 if report.failed > 0 {
-                    ": a beam did not arrive, and the shares are those of the others"
+                    ": a beam did not arrive; the percentiles are those of the other trials"
                 } else {
                     ""
                 }
@@ -335,7 +335,7 @@ pub(crate) struct LayoutArguments {
 
 pub(super) fn layout(arguments: &LayoutArguments) -> Result<(), Failure> {
     if !arguments.drawing.is_wanted() {
-        return Err(Failure::new("a layout needs a file to be drawn into: --svg FILE, --png FILE or both"));
+        return Err(Failure::new("a layout needs an output file: --svg FILE, --png FILE or both"));
     }
     arguments.drawing.check()?;
     let systems = arguments

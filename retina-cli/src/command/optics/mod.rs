@@ -29,7 +29,7 @@ fn positive(text: &str) -> Result<f64, String> {
 fn up_to(limit: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
     move |text| {
         let value = text.parse::<f64>().ok().filter(|value| (0.0..=limit).contains(value));
-        value.ok_or_else(|| format!("expected a number, 0 or more and at most {limit}"))
+        value.ok_or_else(|| format!("expected a number from 0 to {limit}"))
     }
 }
 
@@ -256,7 +256,7 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
     match numbers.as_deref() {
         Ok([x, y]) if x.is_finite() && y.is_finite() => Ok([*x, *y]),
-        _ => Err("expected two numbers with a comma between, such as 0,0.1".into()),
+        _ => Err("expected two numbers separated by a comma, such as 0,0.1".into()),
     }
 }
 

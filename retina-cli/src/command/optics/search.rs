@@ -118,12 +118,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// Why there is no design, and what comes nearest to one.
 fn nothing_found(report: &SearchReport) -> String {
-    let mut text = "no design keeps all limits; candidates that were ruled out:".to_owned();
+    let mut text = "no design keeps all limits; candidates that each limit excluded:".to_owned();
     for entry in report.removed.iter().filter(|entry| entry.candidates > 0) {
         text += &format!("\n  {:8}  {}", entry.candidates, entry.limit.words());
     }
     let Some(NearestMiss { design, exceeds }) = &report.nearest_miss else {
-        return text + "\nof the best ranked ones none lets its rays through";
+        return text + "\nnone of the best-ranked candidates lets its rays through";
     };
     text += &format!("\nnearest miss: {:.3} um, {}", design.worst_rms_um, lenses(design));
     for excess in exceeds {
@@ -258,7 +258,7 @@ impl Reporter {
     fn new() -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
             let style =
-                ProgressStyle::with_template("{wide_bar} {pos}/{len} {msg}, {elapsed} gone, {eta} left");
+                ProgressStyle::with_template("{wide_bar} {pos}/{len} {msg}, {elapsed} elapsed, {eta} left");
             ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
         });
         Self { bar, phase: None, began: (Instant::now(), 0), last_line: Instant::now() }

@@ -50,7 +50,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         options.objects = arguments.objects.iter().map(|text| object(text)).collect::<Result<_, _>>()?;
     }
     if options.objects.len() > 12 {
-        return Err(InputError::new(Path::new("--object"), "is given too often")
+        return Err(InputError::new(Path::new("--object"), "is given too many times")
             .found(options.objects.len())
             .expected("at most 12 objects")
             .into());
@@ -67,8 +67,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     sky_page(&result, &options, &facility).write(&common.out.join("sky.html"))?;
     for c in &result.comparisons {
         tell!(
-            "{}: {:.2} mag shown as {:.2}; light {:+.2} mag brighter than in the sky; half of it within {:.2} px \
-             (sky {:.2}); seen in {} px (sky {})",
+            "{}: {:.2} mag, displayed as {:.2}; {:+.2} mag brighter than in the sky; half of the light within {:.2} px \
+             (sky {:.2}); visible in {} px (sky {})",
             c.object.name,
             c.object.magnitude,
             c.displayed_magnitude,
