@@ -14,7 +14,7 @@ use clap::{Parser, Subcommand};
 
 use failure::Failure;
 
-/// Scenes rendered to compensated screen images for a camera-in-the-loop facility.
+/// Software of a camera-in-the-loop test facility for spaceborne vision sensors.
 #[derive(Parser)]
 #[command(name = "retina", version, arg_required_else_help = true)]
 struct Arguments {
@@ -24,43 +24,43 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Renders a scene's frames into screen images with ground truth beside each.
+    /// Renders a scene into screen images, with ground truth for each frame.
     Render(command::render::Arguments),
-    /// Renders poses that come over the network, by CORTO's closed-loop protocol.
+    /// Renders poses received over the network, by CORTO's closed-loop protocol.
     Serve(command::serve::Arguments),
     /// Resamples an image through the facility's distortion.
     Warp(command::warp::Arguments),
-    /// Makes calibration screens with their list of points.
+    /// Makes calibration screens and the table of their points.
     Pattern(command::pattern::Arguments),
     /// Calibrates the facility from measurements.
     #[command(subcommand)]
     Calibrate(command::calibrate::Command),
-    /// Compares a model with measurements: errors, noise, what the errors depend on.
+    /// Compares a model with measurements: errors, noise, and what the errors depend on.
     Compare(command::compare::Arguments),
-    /// Says which physical effect the model misses, and what to measure next.
+    /// Finds the physical effect that the model lacks, and says what to measure next.
     Diagnose(command::diagnose::Arguments),
-    /// Estimates effects together with the baseline.
+    /// Fits effects together with the baseline model.
     Fit(command::fit::Arguments),
-    /// Lists and explains the effects that are known.
+    /// Lists and explains the effects of the catalogue.
     Effects(command::effects::Arguments),
-    /// Makes one page, which opens offline, of all pages in a folder.
+    /// Joins all report pages of a folder into one page that opens offline.
     Report(command::report::Arguments),
-    /// Builds a body's mesh and textures from a relief and an albedo map.
+    /// Builds a body's mesh and textures from a relief map and an albedo map.
     Body(command::body::Arguments),
-    /// Writes a built-in trajectory as a table.
+    /// Generates a trajectory and writes it as a table.
     Trajectory(command::trajectory::Arguments),
     /// Makes the contact sheet of a folder of frames.
     Sheet(command::sheet::Arguments),
-    /// Traces lens systems: spots, wavefronts, tolerances, drawings.
+    /// Designs and analyses lens systems: constraints, spots, wavefronts, tolerances, drawings.
     #[command(subcommand)]
     Optics(command::optics::Command),
-    /// Measures on the virtual bench: points, power readings, frames.
+    /// Runs measurement campaigns on the virtual bench.
     #[command(subcommand)]
     Simulate(command::simulate::Command),
-    /// Attitude and position from images.
+    /// Finds attitude and position from images.
     #[command(subcommand)]
     Navigate(command::navigate::Command),
-    /// Says which graphics adapter would render.
+    /// Shows which graphics adapter would render.
     Adapter(command::adapter::Arguments),
 }
 
@@ -101,10 +101,10 @@ fn check_file(path: &std::path::Path, extension: &str) -> Result<(), Failure> {
     if found.eq_ignore_ascii_case(extension) {
         return Ok(());
     }
-    Err(retina_files::InputError::new(path, "the name does not say what would be written")
+    Err(retina_files::InputError::new(path, "the file has the wrong extension")
         .found(format!("`.{found}`"))
         .expected(format!("`.{extension}`"))
-        .help("give the file another name")
+        .help("give the file a name with the expected extension")
         .into())
 }
 
@@ -126,9 +126,9 @@ fn check_apart<'a>(
     for path in outputs.into_iter().flatten() {
         let Some(at) = place(path) else { continue };
         let problem = if written.contains(&at) {
-            "would be written twice"
+            "is given for two outputs"
         } else if inputs.contains(&at) && both != Some(path) {
-            "is an input, and would be overwritten"
+            "is an input and would be overwritten"
         } else {
             written.push(at);
             continue;

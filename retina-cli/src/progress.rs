@@ -21,7 +21,7 @@ impl Reporter {
     pub(crate) fn new() -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
             let style = ProgressStyle::with_template(
-                "{wide_bar} {pos}/{len} frames, {per_sec}, {elapsed} gone, {eta} left",
+                "{wide_bar} {pos}/{len} frames, {per_sec}, {elapsed} elapsed, {eta} left",
             );
             ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
         });
@@ -65,14 +65,14 @@ impl Observer for Reporter {
         self.last_line = Instant::now();
         let rate = progress.done as f64 / self.start.elapsed().as_secs_f64();
         let left_s = (progress.to_do - progress.done) as f64 / rate;
-        tell!("{}/{} frames, {rate:.2} a second, {left_s:.0} s left", progress.done, progress.to_do);
+        tell!("{}/{} frames, {rate:.2} per second, {left_s:.0} s left", progress.done, progress.to_do);
     }
 }
 
 /// A bar of counted things on standard error.
 pub(crate) fn counter(length: u64, unit: &str) -> ProgressBar {
     let style = ProgressStyle::with_template(&format!(
-        "{{wide_bar}} {{pos}}/{{len}} {unit}, {{elapsed}} gone, {{eta}} left"
+        "{{wide_bar}} {{pos}}/{{len}} {unit}, {{elapsed}} elapsed, {{eta}} left"
     ));
     let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr())
         .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));

@@ -94,7 +94,7 @@ fn what_does_not_fit_is_refused() {
         (vec!["--fov-deg", "13..10"], "is not a field of view (found `13..10`"),
         (
             vec!["--setup", setup],
-            "the image is not of the setup's camera (found 1024 x 768 pixels, expected 2048 x 1536)",
+            "the image does not have the size of the setup's camera (found 1024 x 768 pixels, expected 2048 x 1536)",
         ),
         (vec!["--fov-deg", "11", "--time", "soon"], "`soon` is not an epoch"),
         (
@@ -103,9 +103,12 @@ fn what_does_not_fit_is_refused() {
         ),
         (
             vec!["--fov-deg", "11", "--focal-percent", "90"],
-            "--focal-percent: the value does not fit (found 90, expected 0 to 20)",
+            "--focal-percent: the value is out of range (found 90, expected 0 to 20)",
         ),
-        (vec!["--fov-deg", "11", "--rms-arcsec", "NaN"], "--rms-arcsec: the value does not fit (found NaN"),
+        (
+            vec!["--fov-deg", "11", "--rms-arcsec", "NaN"],
+            "--rms-arcsec: the value is out of range (found NaN",
+        ),
         (vec!["--fov-deg", "11", "--calibration", "none.toml"], "cannot be used with"),
         (vec!["--fov-deg", "11", "--time", "1000-01-01"], "the years 1900 to 2100"),
     ] {
@@ -187,7 +190,7 @@ fn the_far_range_experiment_is_taken_up_where_it_was_left() {
     refuse(own.replace("\"saturn\"]", "\"venus\"]"), &[], "a planet is named twice (found `venus`");
     refuse(own.replace("2034-06-01", "2100-06-01"), &[], "keys `transfer.arrival` and `transfer.days`");
     refuse(own.clone(), &["--calibration", "none.toml"], "none.toml: is not used");
-    refuse(own.clone(), &["--poses", "3", "--shard", "5/9"], "--shard: holds no pose");
+    refuse(own.clone(), &["--poses", "3", "--shard", "5/9"], "--shard: contains no pose");
     // A planet that is none is named.
     let wrong = own.replace("\"saturn\"]", "\"pluto\"]").replace("../setups", setups);
     std::fs::write(folder.path().join("far-range.toml"), wrong).unwrap();

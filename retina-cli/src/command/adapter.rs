@@ -9,7 +9,7 @@ use crate::output::{print_json, print_lines, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// As `retina render` takes it.
+    /// Renderer to check, as in `retina render`.
     #[arg(long, value_enum, default_value_t)]
     backend: Backend,
     /// Print a JSON document on standard output.
@@ -32,7 +32,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     print_lines(&[format!("{}: {} ({})", name.backend, name.adapter, name.driver)])?;
     if let Some(reason) = reason {
-        tell!("rendering would be on the CPU: {reason}");
+        tell!("rendering would use the CPU: {reason}");
     }
     Ok(())
 }

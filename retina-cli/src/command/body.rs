@@ -17,10 +17,10 @@ pub(crate) struct Arguments {
     /// Relief map: plate carree, grey PNG, TIFF or JPEG, 8 or 16 bits, north up.
     #[arg(long, value_name = "IMAGE")]
     relief: Option<PathBuf>,
-    /// Metres of height for one unit of the relief's samples.
+    /// Height of one unit of the relief samples, m.
     #[arg(long, requires = "relief", default_value_t = 1.0)]
     metres_per_unit: f64,
-    /// Height of the relief's sample 0, m.
+    /// Height of a relief sample of 0, m.
     #[arg(long, requires = "relief", default_value_t = 0.0, allow_negative_numbers = true)]
     offset_m: f64,
     /// Albedo map: plate carree, sRGB-encoded PNG, JPEG or TIFF, north up.
@@ -35,19 +35,19 @@ pub(crate) struct Arguments {
     /// Texture pixels along each edge of a cube face, 2 to 8192.
     #[arg(long, value_name = "N", default_value_t = 1024)]
     texels: u32,
-    /// Store the textures as JPEG of this quality, 1 to 100; without it, as PNG.
+    /// Store the textures as JPEG of this quality, 1 to 100 [default: PNG].
     #[arg(long, value_name = "Q")]
     jpeg_quality: Option<u8>,
-    /// The body's name.
+    /// Name of the body.
     #[arg(long, default_value = "body")]
     name: String,
-    /// Where a map comes from; may be given several times.
+    /// Source of a map, kept in the model. Repeat the flag for more.
     #[arg(long, value_name = "TEXT")]
     source: Vec<String>,
-    /// For the model's copyright field.
+    /// Text of the model's copyright field.
     #[arg(long, value_name = "TEXT")]
     copyright: Option<String>,
-    /// The model to write, a .glb.
+    /// Model to write (.glb).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Print the report as a JSON document on standard output.

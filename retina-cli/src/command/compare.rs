@@ -13,13 +13,13 @@ use crate::output::{print_json, print_lines};
 pub(crate) struct Arguments {
     #[command(flatten)]
     input: Input,
-    /// An effect of the catalogue, or a file with a formula; may be given more than once.
+    /// Effect to fit: an id of the catalogue, or a file with a formula. Repeat the flag for more.
     #[arg(long = "effect", value_name = "ID|FILE")]
     effects: Vec<String>,
-    /// Draws the errors over the field and against the columns.
+    /// Draw the errors over the field and against the columns, as SVG.
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
-    /// Writes a page with plots and figures, which opens offline.
+    /// Write a report page with plots and figures. It opens offline.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     /// Print a JSON document on standard output.

@@ -10,28 +10,30 @@ use crate::output::tell;
 
 #[derive(clap::Args)]
 pub(crate) struct CortoArguments {
-    /// A scenario folder of CORTO, with scene/, geometry/ and body/, in the place of a scene.
+    /// CORTO scenario folder (scene/, geometry/, body/) to use instead of a scene.
     #[arg(long, value_name = "SCENARIO_DIR", conflicts_with = "scene")]
     corto: Option<PathBuf>,
-    /// What CORTO keeps in scripts, schema retina.corto-sidecar/1; by default the folder's
-    /// retina.toml, or guesses, which are printed.
+    /// Sidecar file, schema retina.corto-sidecar/1 [default: the folder's retina.toml].
+    ///
+    /// It holds what CORTO keeps in its scripts. Without one, the values are guessed, and each
+    /// guess is printed.
     #[arg(long, requires = "corto", value_name = "FILE")]
     sidecar: Option<PathBuf>,
-    /// Show the scenario on the screen of this facility, in the place of CORTO's camera.
+    /// Facility whose screen shows the scenario, instead of CORTO's camera.
     #[arg(long, requires = "corto", value_name = "FILE")]
     setup: Option<PathBuf>,
-    /// How the facility's distortion is undone beforehand.
+    /// How the facility's distortion is compensated in the screen image.
     #[arg(long, requires = "setup", value_enum, default_value_t = CompensationName::None)]
     compensation: CompensationName,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum CompensationName {
-    /// Not at all.
+    /// No compensation.
     None,
-    /// An undistorted image is resampled.
+    /// Render an undistorted image and resample it.
     Resample,
-    /// Each pixel's distorted line of sight is rendered.
+    /// Render along each pixel's distorted line of sight.
     Direct,
 }
 

@@ -16,16 +16,17 @@ use crate::output::{print_json, print_lines};
 pub(crate) struct Arguments {
     #[command(flatten)]
     input: Input,
-    /// An effect that is in the model already: an id, or a file with a formula; may be given more than once.
+    /// Effect that the model already has: an id, or a file with a formula. Repeat the flag for
+    /// more.
     #[arg(long = "effect", value_name = "ID|FILE")]
     effects: Vec<String>,
-    /// Sign-flips of whole groups; the smallest p-value is 1 / (flips + 1).
+    /// Number of sign flips of whole groups. The smallest p-value is 1 / (flips + 1).
     #[arg(long, default_value_t = 1999, value_parser = clap::value_parser!(u32).range(199..=99_999))]
     flips: u32,
-    /// Seed of the flips.
+    /// Seed of the sign flips.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Writes a page with plots and figures, which opens offline.
+    /// Write a report page with plots and figures. It opens offline.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     /// Print a JSON document on standard output.

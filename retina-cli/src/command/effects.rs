@@ -11,15 +11,15 @@ use crate::output::{print_json, print_lines};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// An effect's id; without one all are listed.
+    /// Id of an effect [default: list all effects].
     effect: Option<String>,
-    /// Effects on one table alone.
+    /// List only the effects on this kind of table.
     #[arg(long, value_enum)]
     table: Option<Table>,
     /// Print a JSON document on standard output.
     #[arg(long)]
     json: bool,
-    /// Write a page with what each looks like.
+    /// Write a page that draws the signature of each effect.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
 }
@@ -43,7 +43,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(id) = &arguments.effect {
         let ids: Vec<&str> = list.iter().map(|effect| effect.name()).collect();
         if !ids.contains(&id.as_str()) {
-            let error = InputError::new("EFFECT", "is no effect of the catalogue").found(format!("`{id}`"));
+            let error =
+                InputError::new("EFFECT", "is not an effect of the catalogue").found(format!("`{id}`"));
             let near = nearest(id, ids.iter().copied());
             return Err(match near {
                 Some(near) => error.help(format!("did you mean `{near}`?")),

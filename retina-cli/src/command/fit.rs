@@ -16,16 +16,16 @@ use crate::output::{print_json, print_lines, tell};
 pub(crate) struct Arguments {
     #[command(flatten)]
     input: Input,
-    /// An effect of the catalogue, or a file with a formula; may be given more than once.
+    /// Effect to fit: an id of the catalogue, or a file with a formula. Repeat the flag for more.
     #[arg(long = "effect", value_name = "ID|FILE", required = true)]
     effects: Vec<String>,
-    /// Writes the model as a calibration.
+    /// Write the model as a calibration (tables of points only).
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Writes baseline, effect and error of every row.
+    /// Write the baseline, effect and error of every row.
     #[arg(long, value_name = "FILE")]
     predictions: Option<PathBuf>,
-    /// Writes a page with plots and figures, which opens offline.
+    /// Write a report page with plots and figures. It opens offline.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     /// Print a JSON document on standard output.
@@ -41,10 +41,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if data.kind != TableKind::Points && arguments.out.is_some() {
         return Err(InputError::new(
             "--out",
-            "writes the calibration of a geometry: it is for tables of points",
+            "writes a geometric calibration, which only tables of points give",
         )
         .found(format!("a table of {}", data.kind.name()))
-        .help("leave it out; --json and --predictions hold what was fitted")
+        .help("leave it out; --json and --predictions hold the result of the fit")
         .into());
     }
     let result = fit(data, &added)?;
@@ -53,7 +53,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     {
         let held = material.calibration.as_ref();
         let rms_arcsec = write_model(path, data, &result, &added, &material.setup, table, held)?;
-        tell!("the model's polynomials are {rms_arcsec:.2e} arcsec rms from its predictions");
+        tell!("the written polynomials differ from the model by {rms_arcsec:.2e} arcsec rms");
     }
     if let Some(path) = &arguments.predictions {
         write_predictions(path, data, &result)?;

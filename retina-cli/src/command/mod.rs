@@ -26,7 +26,7 @@ use retina_render::Quality;
 /// `--backend`.
 #[derive(Clone, Copy, Default, clap::ValueEnum)]
 pub(crate) enum Backend {
-    /// The GPU, or the CPU where there is no adapter.
+    /// The GPU if there is an adapter, otherwise the CPU.
     #[default]
     Auto,
     /// The GPU.
@@ -38,10 +38,10 @@ pub(crate) enum Backend {
 /// What renders, and how finely.
 #[derive(clap::Args)]
 pub(crate) struct Rendering {
-    /// What renders.
+    /// Renderer to use.
     #[arg(long, value_enum, default_value_t)]
     pub(crate) backend: Backend,
-    /// How finely a frame is sampled, in the place of the scene's own.
+    /// Sampling quality of a frame [default: the scene's].
     #[arg(long, value_enum)]
     quality: Option<QualityName>,
 }
@@ -66,7 +66,7 @@ impl From<Backend> for BackendChoice {
 /// `--quality`.
 #[derive(Clone, Copy, clap::ValueEnum)]
 pub(crate) enum QualityName {
-    /// For a first look.
+    /// Coarse, for a first look.
     Draft,
     /// Limb within 0.01 px rms.
     Default,

@@ -13,25 +13,25 @@ use crate::output::{print_json, print_lines};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// The facility, schema retina.setup/1.
+    /// Facility, schema retina.setup/1.
     #[arg(long)]
     setup: PathBuf,
     /// Folder for screens/NNN.png, pattern.csv and pattern.toml.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Points a screen.
+    /// Number of points on each screen.
     #[arg(long, default_value_t = 400)]
     points: usize,
-    /// Number of screens [default: six for each group of counts that one exposure holds].
+    /// Number of screens [default: six for each group of counts that one exposure can hold].
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=999))]
     screens: Option<u16>,
-    /// Digital counts to show [default: every 0.75 mag from 255 to 5].
+    /// Digital counts to show, separated by commas [default: every 0.75 mag from 255 to 5].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..))]
     counts: Vec<u8>,
-    /// Sub-pixels to light.
+    /// Sub-pixels to light: red, green, blue, or all three (w).
     #[arg(long, value_enum, default_value = "w")]
     channel: ChannelName,
-    /// A calibration with the display's measured response, in the place of the setup's power law.
+    /// Calibration with the display's measured response [default: the setup's power law].
     #[arg(long, value_name = "FILE.toml")]
     response: Option<PathBuf>,
     /// Seed of the random positions.

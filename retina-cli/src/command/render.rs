@@ -14,28 +14,29 @@ use crate::progress::Reporter;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// The scene, schema retina.scene/1.
+    /// Scene to render, schema retina.scene/1.
     #[arg(required_unless_present = "corto")]
     scene: Option<PathBuf>,
     #[command(flatten)]
     corto: CortoArguments,
-    /// By-products under CORTO's names, parted by commas: img, depth, mask, slopes, labels,
-    /// depth_exr, slopes_exr.
+    /// By-products to write under CORTO's names, separated by commas.
+    ///
+    /// The names are img, depth, mask, slopes, labels, depth_exr and slopes_exr.
     #[arg(long, requires = "corto", value_name = "NAMES")]
     by_products: Option<String>,
     /// Folder for frames/, truth/, manifest.jsonl and the contact sheet.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Only frames A to B, counted from 0, B excluded.
+    /// Render only frames A to B, counted from 0; B is excluded.
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     frames: Option<FrameRange>,
-    /// Only every K-th frame, from the first.
+    /// Render only every K-th frame, starting with the first.
     #[arg(long, value_name = "K")]
     every: Option<usize>,
-    /// Only the frames whose number is I modulo N.
+    /// Render only the frames whose number is I modulo N.
     #[arg(long, value_name = "I/N", allow_hyphen_values = true)]
     shard: Option<Shard>,
-    /// Keep the finished frames of an earlier run of the same scene and make the others.
+    /// Keep the frames that an earlier run of the same scene finished, and render the others.
     #[arg(long)]
     resume: bool,
     #[command(flatten)]
@@ -81,7 +82,7 @@ fn report(summary: &Summary) {
     let dir = summary.dir.display();
     match (&summary.adapter, seconds_a_frame(summary)) {
         (Some(name), Some(each)) => tell!(
-            "{} frames in {:.1} s ({each:.3} s each), {} were there; radiance scale {:.6e}; {} ({}); {dir}",
+            "{} frames rendered in {:.1} s ({each:.3} s each), {} existed already; radiance scale {:.6e}; {} ({}); {dir}",
             summary.done,
             summary.seconds,
             summary.skipped,
@@ -90,9 +91,9 @@ fn report(summary: &Summary) {
             name.driver,
         ),
         _ if summary.skipped > 0 => {
-            tell!("nothing to do, all {} frames are there; {dir}", summary.skipped);
+            tell!("nothing to do, all {} frames exist already; {dir}", summary.skipped);
         }
-        _ => tell!("nothing to do, the selection holds no frame; {dir}"),
+        _ => tell!("nothing to do, the selection contains no frame; {dir}"),
     }
     if summary.spot_frames > 0 {
         tell!(

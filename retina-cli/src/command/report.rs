@@ -7,10 +7,12 @@ use crate::output::tell;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Folder with the pages that other commands wrote with --report (simulate sky writes one by itself).
+    /// Folder with the pages that other commands wrote with --report.
+    ///
+    /// `retina simulate sky` writes one without that flag.
     #[arg(value_name = "DIR")]
     folder: PathBuf,
-    /// The page to write.
+    /// Page to write.
     #[arg(long, value_name = "FILE.html")]
     out: PathBuf,
 }

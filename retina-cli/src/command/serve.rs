@@ -20,32 +20,36 @@ use crate::output::{print_json_line, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// A scene, schema retina.scene/1, whose one body is shown; its trajectory is not used.
+    /// Scene with one body, schema retina.scene/1. Its trajectory is not used.
     #[arg(required_unless_present = "corto")]
     scene: Option<PathBuf>,
     #[command(flatten)]
     corto: CortoArguments,
-    /// Metres in a unit of the poses' positions, with a scene; a sidecar says it for --corto.
+    /// Length of one unit of the poses' positions, m.
+    ///
+    /// This is for a scene. With --corto the sidecar gives it.
     #[arg(long, value_name = "M", default_value_t = 1.0, conflicts_with = "corto")]
     scale_m_per_bu: f64,
-    /// Displayed over true radiance, where a facility shows the images.
+    /// Radiance scale, displayed over true radiance, if a facility shows the images.
     #[arg(long, value_name = "SCALE")]
     radiance_scale: Option<f64>,
-    /// Address that is listened on. Whoever reaches it can ask for images.
+    /// Address to listen on.
+    ///
+    /// Anyone who can reach it can request images.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     listen: IpAddr,
-    /// UDP port of the poses; 0 for any free one.
+    /// UDP port for poses; 0 takes any free port.
     #[arg(long, value_name = "PORT", default_value_t = 51_001)]
     pose_port: u16,
-    /// TCP port of the images; 0 for any free one.
+    /// TCP port for images; 0 takes any free port.
     #[arg(long, value_name = "PORT", default_value_t = 30_001)]
     image_port: u16,
-    /// End after so many images.
+    /// Stop after N images.
     #[arg(long, value_name = "N")]
     frames: Option<usize>,
     #[command(flatten)]
     rendering: Rendering,
-    /// Print where poses and clients are awaited and what was done, as JSON documents, a line each.
+    /// Print JSON documents, one a line: first the ports, at the end a summary.
     #[arg(long)]
     json: bool,
 }
@@ -56,14 +60,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let server =
         Server::bind(arguments.listen, arguments.pose_port, arguments.image_port).map_err(|error| {
             Failure::new(format!(
-                "UDP {0}:{1} or TCP {0}:{2} cannot be listened on: {error}",
+                "cannot listen on UDP {0}:{1} or TCP {0}:{2}: {error}",
                 arguments.listen, arguments.pose_port, arguments.image_port
             ))
         })?;
     let (mut scene, world) = scene(arguments)?;
     if let Some(scale) = arguments.radiance_scale {
         if !(scale.is_finite() && scale > 0.0) {
-            return Err(InputError::new("--radiance-scale", "the value is out of its range")
+            return Err(InputError::new("--radiance-scale", "the value is out of range")
                 .found(scale)
                 .expected("a number above 0")
                 .into());
@@ -82,7 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (poses, images) = (address(server.pose_address())?, address(server.image_address())?);
     let name = live.name().clone();
     tell!(
-        "ready after {:.2} s ({loaded_s:.2} s of them for the files): poses by UDP on {poses}, images by TCP on {images}; \
+        "ready after {:.2} s ({loaded_s:.2} s of it to load the files): poses by UDP on {poses}, images by TCP on {images}; \
          {} ({})",
         start.elapsed().as_secs_f64(),
         name.adapter,
@@ -97,13 +101,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     ctrlc::set_handler(move || flag.store(true, Ordering::Release))
-        .map_err(|error| Failure::new(format!("an interrupt could not be caught: {error}")))?;
+        .map_err(|error| Failure::new(format!("the interrupt handler cannot be installed: {error}")))?;
     let checks = FrameChecks::of(&scene);
     let mut loop_ = Loop { scene, world, live, checks, frames: 0, seconds: 0.0 };
     let mut render = |pose: &Pose| loop_.png(pose);
     let ended = server.run(&mut render, arguments.frames, &stop, &|text| tell!("{text}"));
     let each_s = if loop_.frames > 0 { loop_.seconds / loop_.frames as f64 } else { 0.0 };
-    tell!("{} images sent, {} requests refused; {each_s:.3} s an image rendered", ended.sent, ended.refused);
+    tell!(
+        "{} images sent, {} requests refused; {each_s:.3} s of rendering per image",
+        ended.sent,
+        ended.refused
+    );
     if arguments.json {
         print_json_line(&serde_json::json!({
             "schema": "retina.serve-summary/1", "images_sent": ended.sent, "requests_refused": ended.refused,
@@ -131,7 +139,7 @@ fn scene(arguments: &Arguments) -> Result<(Scene, World), Failure> {
     scene.bodies.iter_mut().for_each(|body| body.may_be_behind = true);
     let scale_m_per_bu = arguments.scale_m_per_bu;
     if !(scale_m_per_bu.is_finite() && scale_m_per_bu > 0.0) {
-        return Err(InputError::new("--scale-m-per-bu", "the value is out of its range")
+        return Err(InputError::new("--scale-m-per-bu", "the value is out of range")
             .found(scale_m_per_bu)
             .expected("metres above 0")
             .into());

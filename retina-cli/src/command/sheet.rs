@@ -9,7 +9,7 @@ use crate::output::tell;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// A folder that `retina render` wrote.
+    /// Folder that `retina render` wrote.
     dir: PathBuf,
 }
 

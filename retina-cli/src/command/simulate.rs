@@ -19,18 +19,21 @@ use crate::progress::counter;
 
 mod sky;
 
-/// Measurement campaigns on the virtual bench.
+/// Runs measurement campaigns on the virtual bench.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// Shows patterns of single pixels, photographs and measures them: points.csv.
+    /// Photographs patterns of single pixels and measures their points: points.csv.
     Points(PointsArguments),
-    /// Lights squares in front of a power meter: power.csv.
+    /// Reads a power meter in front of lit squares: power.csv.
     Power(PowerArguments),
     /// Photographs rendered screen images: images/ and frames.csv.
     Frames(FramesArguments),
-    /// Shows stars through a calibration and measures them: stars.csv.
+    /// Shows stars through a calibration and measures where they appear: stars.csv.
     Stars(StarsArguments),
-    /// Shows objects as the bench and as the sky do, and why they differ: bench.png, sky.png, sky.html.
+    /// Compares objects on the bench with the same objects in the sky: bench.png, sky.png,
+    /// sky.html.
+    ///
+    /// The page says what makes them differ.
     Sky(sky::Arguments),
     /// Lists the effects that --effect takes.
     Effects(EffectsArguments),
@@ -39,16 +42,16 @@ pub(crate) enum Command {
 /// What every campaign takes.
 #[derive(clap::Args)]
 struct Common {
-    /// The facility, schema retina.setup/1.
+    /// Facility, schema retina.setup/1.
     #[arg(long)]
     setup: PathBuf,
-    /// Seed of the bench's patterns and noise, and of the places.
+    /// Seed of the bench's fixed patterns, of the noise and of the random positions.
     #[arg(long)]
     seed: u64,
-    /// Folder for the result.
+    /// Folder for the results.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// An effect and its size, for example screen_tilt=0.1deg; may be given several times.
+    /// Effect and its size, for example screen_tilt=0.1deg. Repeat the flag for more.
     #[arg(long = "effect", value_name = "ID=VALUE")]
     effects: Vec<String>,
     /// Print a JSON document on standard output.
@@ -58,8 +61,11 @@ struct Common {
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Profile {
+    /// Constant, 20 degC.
     Constant,
+    /// From 20 to 24 degC, with a time constant of one hour.
     WarmUp,
+    /// Between 18 and 22 degC, with a period of 90 minutes.
     Cycle,
 }
 
@@ -83,7 +89,7 @@ enum ChannelName {
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum CentroidName {
-    /// Moments under a window matched to the spot.
+    /// Gaussian-weighted mean; the window matches the spot.
     Windowed,
     /// Centre of mass above a threshold.
     Moments,
@@ -102,31 +108,31 @@ impl From<CentroidName> for Centroid {
 pub(crate) struct PointsArguments {
     #[command(flatten)]
     common: Common,
-    /// Exposures.
+    /// Number of exposures.
     #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u16).range(1..=999))]
     exposures: u16,
-    /// Points in each.
+    /// Number of points in each exposure.
     #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u16).range(1..=5000))]
     points: u16,
     /// Time between exposures, s.
     #[arg(long, default_value_t = 60.0)]
     interval_s: f64,
-    /// The bench's temperature: 20 degC; from 20 to 24; 18 to 22 in 90 minutes.
+    /// Temperature of the bench over the campaign.
     #[arg(long, value_enum, default_value = "warm-up")]
     temperature: Profile,
     /// Exposure time of the faintest group of counts, s [default: peaks at 60 % of the full well].
     #[arg(long)]
     exposure_s: Option<f64>,
-    /// Sub-pixels that are lit.
+    /// Sub-pixels to light: red, green, blue, or all three (w).
     #[arg(long, value_enum, default_value = "w")]
     channel: ChannelName,
-    /// Digital counts [default: every 0.75 mag from 255 to 5].
+    /// Digital counts, separated by commas [default: every 0.75 mag from 255 to 5].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..))]
     counts: Vec<u8>,
-    /// The estimator of centroids.
+    /// Centroid estimator.
     #[arg(long, value_enum, default_value = "windowed")]
     centroid: CentroidName,
-    /// Keep the pattern and the camera's images: DIR/pattern and DIR/images.
+    /// Keep the pattern and the camera images, in DIR/pattern and DIR/images.
     #[arg(long)]
     images: bool,
 }
@@ -135,13 +141,13 @@ pub(crate) struct PointsArguments {
 pub(crate) struct PowerArguments {
     #[command(flatten)]
     common: Common,
-    /// Digital counts [default: 4, 8, 12 and 16 from 16 to 255].
+    /// Digital counts, separated by commas [default: 4, 8, 12, every 16 from 16 to 240, and 255].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..))]
     counts: Vec<u8>,
-    /// Sides of the lit squares, parted by commas; 0 is a dark reading.
+    /// Sides of the lit squares, px, separated by commas. 0 is a dark reading.
     #[arg(long, value_delimiter = ',', default_values_t = [0, 50, 100, 200, 600])]
     squares: Vec<u32>,
-    /// Times that all of it is measured: a diagnosis wants eight and more.
+    /// Number of times that the whole set is measured. A diagnosis needs eight or more.
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..=1000))]
     series: u16,
 }
@@ -153,13 +159,13 @@ pub(crate) struct FramesArguments {
     /// Folder of screen images, as `retina render` writes it.
     #[arg(long, value_name = "DIR")]
     screens: PathBuf,
-    /// Exposure time, s [default: the first frame's brightest pixel at 60 % of the full well].
+    /// Exposure time, s [default: the brightest pixel of the first frame at 60 % of the full well].
     #[arg(long)]
     exposure_s: Option<f64>,
     /// Time between frames, s.
     #[arg(long, default_value_t = 60.0)]
     interval_s: f64,
-    /// The bench's temperature.
+    /// Temperature of the bench over the sequence.
     #[arg(long, value_enum, default_value = "constant")]
     temperature: Profile,
 }
@@ -168,13 +174,13 @@ pub(crate) struct FramesArguments {
 pub(crate) struct StarsArguments {
     #[command(flatten)]
     common: Common,
-    /// The facility's calibration; without it nothing is compensated.
+    /// Calibration of the facility [default: none, and nothing is compensated].
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
-    /// Exposures.
+    /// Number of exposures.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=9999))]
     exposures: u16,
-    /// Stars in each.
+    /// Number of stars in each exposure.
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=2000))]
     stars: u16,
     /// Brightest magnitude.
@@ -186,13 +192,13 @@ pub(crate) struct StarsArguments {
     /// Exposure time, s [default: the brightest star's peak at 60 % of the full well].
     #[arg(long)]
     exposure_s: Option<f64>,
-    /// The estimator of centroids.
+    /// Centroid estimator.
     #[arg(long, value_enum, default_value = "windowed")]
     centroid: CentroidName,
-    /// Exit with 1 if fewer than this share of the errors is within --within-arcsec.
+    /// Exit with code 1 if a smaller share of the errors than this is within --within-arcsec.
     #[arg(long, requires = "within_arcsec")]
     share: Option<f64>,
-    /// The error that --share is about, arcsec.
+    /// Error limit for --share, arcsec.
     #[arg(long)]
     within_arcsec: Option<f64>,
 }

@@ -17,26 +17,27 @@ use crate::output::{print_json, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Which trajectory.
+    /// Kind of trajectory.
     #[arg(long, value_enum, default_value_t)]
     kind: Kind,
-    /// Time of the first frame, for example 2027-07-26T00:00 UTC; by default the sequence is
-    /// centred on the new Moon of 2027 August 2.
+    /// Time of the first frame, for example 2027-07-26T00:00 UTC.
+    ///
+    /// [default for lumio-halo: the sequence is centred on the new Moon of 2027 August 2]
     #[arg(long)]
     epoch: Option<String>,
-    /// The epoch is that of the middle of the sequence.
+    /// Take --epoch as the middle of the sequence.
     #[arg(long, requires = "epoch")]
     centred: bool,
-    /// Number of frames; by default 4321 of the halo, 5000 deep-space poses.
+    /// Number of frames [default: 4321 for lumio-halo, 5000 for deep-space, 1 for site].
     #[arg(long)]
     frames: Option<usize>,
-    /// Time between frames of the halo, s.
+    /// Time between frames, s (lumio-halo and site).
     #[arg(long, default_value_t = LumioHalo::default().step_s, allow_negative_numbers = true)]
     step_s: f64,
     /// Jacobi constant of the halo orbit, 3.016 to 3.152.
     #[arg(long)]
     jacobi: Option<f64>,
-    /// Seed of the deep-space poses.
+    /// Seed of the deep-space poses [default: 0].
     #[arg(long)]
     seed: Option<u64>,
     /// Latitude of the site, deg, north positive (WGS 84).
@@ -45,17 +46,19 @@ pub(crate) struct Arguments {
     /// East longitude of the site, deg.
     #[arg(long, allow_negative_numbers = true)]
     longitude_deg: Option<f64>,
-    /// Height of the site above the ellipsoid, m.
+    /// Height of the site above the ellipsoid, m [default: 0].
     #[arg(long, allow_negative_numbers = true)]
     altitude_m: Option<f64>,
-    /// What the camera at the site looks at: `moon`, or a planet.
+    /// What the camera at the site points at: `moon` or a planet [default: moon].
     #[arg(long)]
     target: Option<String>,
-    /// SPK kernel that says where Sun, Moon and planets are; may be repeated, of those that have a body the last counts
-    /// [default: analytical theories].
+    /// SPK kernel for the Sun, the Moon and the planets [default: analytical theories].
+    ///
+    /// Repeat the flag for more kernels. If several contain the same body, the last one named is
+    /// used.
     #[arg(long, value_name = "FILE.bsp")]
     ephemeris: Vec<PathBuf>,
-    /// The table to write.
+    /// Table to write (CSV).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Print the summary as a JSON document on standard output.
@@ -65,19 +68,21 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, Default, clap::ValueEnum)]
 enum Kind {
-    /// A quasi-halo about the Earth-Moon L2 point, camera pointed at the Moon.
+    /// Quasi-halo orbit about the Earth-Moon L2 point; the camera points at the Moon.
     #[default]
     LumioHalo,
-    /// Random poses between 0.7 and 5.2 au, a planet in the wide configuration's field.
+    /// Random poses between 0.7 and 5.2 au from the Sun, each with a planet in the wide
+    /// configuration's field.
     DeepSpace,
-    /// A camera on the Earth that looks at the Moon or a planet, celestial north up; for scenes with stars.
+    /// Camera on the Earth that points at the Moon or a planet, celestial north up. For scenes with
+    /// stars.
     Site,
 }
 
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     crate::check_file(&arguments.out, "csv")?;
     if !arguments.step_s.is_finite() || arguments.step_s <= 0.0 {
-        return Err(InputError::new("--step-s", "does not fit")
+        return Err(InputError::new("--step-s", "is out of range")
             .found(arguments.step_s)
             .expected("a time above 0")
             .into());
@@ -101,13 +106,13 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     ];
     let elsewhere = of_site.iter().find(|(_, given)| *given && !matches!(arguments.kind, Kind::Site));
     if let Some(option) = foreign.or(elsewhere.map(|(option, _)| *option)) {
-        return Err(InputError::new(option, "has no meaning for this kind of trajectory")
+        return Err(InputError::new(option, "does not apply to this kind of trajectory")
             .help("leave the option out, or give another --kind")
             .into());
     }
     let frames = arguments.frames.unwrap_or(wanted);
     if !(1..=1_000_000).contains(&frames) {
-        return Err(InputError::new("--frames", "the number of frames does not fit")
+        return Err(InputError::new("--frames", "the number of frames is out of range")
             .found(frames)
             .expected("1 to 1000000")
             .into());
@@ -158,7 +163,7 @@ fn site(arguments: &Arguments, ephemeris: &Ephemeris, frames: usize) -> Result<(
     };
     let within = |option: &str, value: Option<f64>, most: f64, expected: &str| match value {
         Some(value) if value.abs() <= most => Ok(value),
-        Some(value) => Err(InputError::new(option, "does not fit").found(value).expected(expected)),
+        Some(value) => Err(InputError::new(option, "is out of range").found(value).expected(expected)),
         None => Err(missing(option, expected)),
     };
     let site = Site {
@@ -170,7 +175,7 @@ fn site(arguments: &Arguments, ephemeris: &Ephemeris, frames: usize) -> Result<(
     let name = arguments.target.as_deref().unwrap_or("moon");
     let Some(target) = Planet::from_name(name) else {
         let names: Vec<&str> = Planet::ALL.iter().map(|planet| planet.name()).collect();
-        return Err(InputError::new("--target", "is no body whose ephemeris is known")
+        return Err(InputError::new("--target", "is not a body with a known ephemeris")
             .found(format!("`{name}`"))
             .expected(names.join(", "))
             .into());

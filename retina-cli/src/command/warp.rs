@@ -12,18 +12,18 @@ use crate::output::{print_json, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// PNG or TIFF, grey or RGB, 8 or 16 bits; or EXR.
+    /// Image to warp: PNG or TIFF (grey or RGB, 8 or 16 bits), or EXR.
     image: PathBuf,
-    /// The facility, schema retina.setup/1.
+    /// Facility, schema retina.setup/1.
     #[arg(long)]
     setup: PathBuf,
-    /// Its distortion, schema retina.calibration/1.
+    /// Calibration with the facility's distortion, schema retina.calibration/1.
     #[arg(long)]
     calibration: PathBuf,
-    /// Which image is corrected.
+    /// Which image to correct: the screen image before display, or the camera image afterwards.
     #[arg(long, value_enum)]
     direction: Direction,
-    /// The image to write; its extension says the format.
+    /// Image to write; the extension sets the format.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Print a JSON document on standard output.
@@ -33,9 +33,9 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Direction {
-    /// The screen's image beforehand: digital counts, resampled as irradiance.
+    /// The screen image, before display. Digital counts are resampled as irradiance.
     Upstream,
-    /// The camera's image afterwards: linear.
+    /// The camera image, after exposure. Values are taken as linear.
     Downstream,
 }
 
@@ -49,13 +49,16 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     };
     let report = warp_file(&arguments.image, &setup, &calibration, direction, &arguments.out)?;
     if report.outside_px > 0 {
-        tell!("{} pixels read beyond the image's border, which is continued outwards", report.outside_px);
+        tell!(
+            "{} pixels need values beyond the image's border; the image is extended outwards for them",
+            report.outside_px
+        );
     }
     if report.clipped > 0 {
-        tell!("warning: {} samples are beyond the file's range and were cut off", report.clipped);
+        tell!("warning: {} samples were out of the file's range and were clipped", report.clipped);
     }
     for channel in &report.left_out {
-        tell!("channel `{channel}` holds infinities or NaNs, cannot be interpolated and is left out");
+        tell!("channel `{channel}` is left out: it holds infinities or NaNs, which cannot be interpolated");
     }
     if arguments.json {
         print_json(&json!({

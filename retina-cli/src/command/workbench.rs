@@ -13,17 +13,23 @@ use crate::failure::Failure;
 
 #[derive(clap::Args)]
 pub(crate) struct Input {
-    /// The facility, schema retina.setup/1.
+    /// Facility, schema retina.setup/1.
     #[arg(long)]
     setup: PathBuf,
-    /// A table of points, power, phase or frames; may be given more than once.
+    /// Measurement table: points, power, phase or frames.
+    ///
+    /// Its columns show which. Repeat the flag to read several tables of one facility together.
     #[arg(long, required = true, value_name = "TABLE")]
     data: Vec<PathBuf>,
-    /// A calibration that is held fixed: for points its distortion, but for shift, rotation and scale; for power its
-    /// response, but for one gain.
+    /// Calibration to hold fixed.
+    ///
+    /// For points its distortion is held; only shift, rotation and scale are fitted. For power
+    /// readings its response is held; only one gain is fitted.
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// What is fitted always. Points: `physical`, or `polynomial:N` with N from 1 to 7. Frames: `physical` (gain, offset,
+    /// Baseline model, which is always fitted.
+    ///
+    /// Points: `physical`, or `polynomial:N` with N from 1 to 7. Frames: `physical` (gain, offset,
     /// shift, roll, scale), or `gain` alone.
     #[arg(long, default_value = "physical")]
     baseline: String,
@@ -61,8 +67,8 @@ impl Input {
             _ => {}
         }
         let tables = if flag == "--baseline" { "points" } else { "points or of power readings" };
-        Err(InputError::new(flag, format!("is for tables of {tables}"))
-            .found(format!("{}, which is none", path.display()))
+        Err(InputError::new(flag, format!("applies only to tables of {tables}"))
+            .found(format!("{}, a table of another kind", path.display()))
             .help(format!("leave out {flag}: other tables have one baseline"))
             .into())
     }
@@ -77,7 +83,7 @@ impl Input {
             "physical" => true,
             "gain" => false,
             other => {
-                return Err(InputError::new("--baseline", "is no baseline of frames")
+                return Err(InputError::new("--baseline", "is not a baseline for frames")
                     .found(format!("`{other}`"))
                     .expected("`physical` (gain, offset, shift, roll, scale) or `gain`")
                     .into());
@@ -97,7 +103,7 @@ impl Input {
         if self.calibration.is_some() && baseline != Baseline::Physical {
             return Err(InputError::new(
                 "--baseline",
-                "means nothing beside --calibration, which is held fixed",
+                "has no effect with --calibration, which is held fixed",
             )
             .help("leave out one of the two")
             .into());
@@ -186,7 +192,7 @@ impl Material {
 pub(crate) fn pictures(set: &FrameSet) -> Section {
     Section::new("Images").figure(
         &set.pictures(),
-        "A row a state, from the baseline on. Errors: purple where the image is darker than predicted, orange where it is brighter; white pixels do not count. Errors of all states have one scale.",
+        "One row for each state, from the baseline on. In the errors, purple is darker than predicted and orange is brighter; white pixels do not count. The errors of all states share one scale.",
     )
 }
 

@@ -17,44 +17,53 @@ use crate::output::{print_json, print_lines, tell};
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("input").required(true).args(["data", "images"]))]
 pub(crate) struct Arguments {
-    /// The facility, schema retina.setup/1.
+    /// Facility, schema retina.setup/1.
     #[arg(long)]
     setup: PathBuf,
-    /// Table of points (points.csv); several are read together.
+    /// Table of points (points.csv). Repeat the flag to fit several tables together.
     #[arg(long, value_name = "TABLE")]
     data: Vec<PathBuf>,
-    /// Folder of camera images, named as the pattern's screens or listed in its images.csv.
+    /// Folder of camera images.
+    ///
+    /// Each image is named after the screen it shows, or the folder's images.csv says which screen
+    /// it shows.
     #[arg(long, value_name = "DIR", requires = "pattern")]
     images: Option<PathBuf>,
-    /// The pattern that the images show.
+    /// Folder of the pattern that the images show.
     #[arg(long, value_name = "DIR", requires = "images")]
     pattern: Option<PathBuf>,
-    /// The calibration to write.
+    /// Calibration to write.
     #[arg(long, value_name = "FILE.toml")]
     out: PathBuf,
-    /// Also write the points that were found in the images.
+    /// Also write the points found in the images.
     #[arg(long, value_name = "FILE.csv", requires = "images")]
     points_out: Option<PathBuf>,
-    /// Also write each point's residual, weight and error.
+    /// Also write the residual, weight and error of each point.
     #[arg(long, value_name = "FILE.csv")]
     residuals: Option<PathBuf>,
-    /// Also write a page with plots.
+    /// Also write a report page with plots.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// A calibration with the display's measured response, in the place of the setup's power law [default: --out, if it
-    /// is there and has one].
+    /// Calibration with the display's measured response.
+    ///
+    /// [default: the file of --out if it exists and has a response, otherwise the setup's power
+    /// law]
     #[arg(long, value_name = "FILE.toml")]
     response: Option<PathBuf>,
-    /// A plain polynomial, without terms in the irradiance.
+    /// Fit a plain polynomial, without terms in the irradiance.
     #[arg(long)]
     plain: bool,
-    /// log10 of the irradiance (relative to a white pixel at full count) at which D is given [default: the points' median].
+    /// Irradiance at which D is given [default: the points' median].
+    ///
+    /// It is the log10 of the irradiance relative to a white pixel at full count.
     #[arg(long, value_name = "L", allow_negative_numbers = true)]
     reference_log10_irradiance: Option<f64>,
-    /// How points in images are placed.
+    /// Centroid estimator for points in images.
     #[arg(long, value_enum, default_value = "windowed")]
     centroid: CentroidName,
-    /// Gain of the camera, electrons per digital number: the light's own noise enters the centroids' sigma.
+    /// Gain of the camera, electrons per DN.
+    ///
+    /// With it, the shot noise of the light enters the standard deviation of each centroid.
     #[arg(long, value_name = "E_PER_DN", requires = "images")]
     gain_e_per_dn: Option<f64>,
     /// Print a JSON document on standard output.
@@ -64,7 +73,7 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum CentroidName {
-    /// By a Gaussian window, the same for faint and bright.
+    /// Gaussian-weighted mean; the window has the same width for faint and bright points.
     Windowed,
     /// Centre of mass above the threshold.
     Moments,
@@ -108,7 +117,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         geometry::write_report(path, &result, &table, &setup, &options)?;
     }
     if result.heldout_by_points {
-        tell!("fewer than 3 exposures: single points are left out instead of exposures");
+        tell!("fewer than 3 exposures: single points are held out instead of exposures");
     }
     if arguments.json {
         let mut document = to_json(&result, &setup);
@@ -132,7 +141,7 @@ fn response(arguments: &Arguments, setup: &Setup) -> Result<Option<MeasuredRespo
     }
     let response = MeasuredResponse::read(&arguments.out, setup)?;
     if response.is_some() {
-        tell!("{}: its measured response is used", arguments.out.display());
+        tell!("{}: using its measured response", arguments.out.display());
     }
     Ok(response)
 }

@@ -9,9 +9,10 @@ use crate::failure::Failure;
 
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// The mapping between lines of sight and the screen, from displayed points and their centroids.
+    /// Calibrates the mapping between lines of sight and the screen, from displayed points and
+    /// their centroids.
     Geometry(geometry::Arguments),
-    /// The display's response, from readings of a power meter.
+    /// Calibrates the display's response, from power-meter readings.
     Radiometry(radiometry::Arguments),
 }
 

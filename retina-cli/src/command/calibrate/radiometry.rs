@@ -12,22 +12,24 @@ use crate::output::{print_json, print_lines, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// The facility that was measured, schema retina.setup/1.
+    /// Facility that was measured, schema retina.setup/1.
     #[arg(long)]
     setup: PathBuf,
-    /// Readings of the power meter, power.csv; may be given more than once, for one campaign.
+    /// Power-meter readings (power.csv). Repeat the flag for the tables of one campaign.
     #[arg(long, value_name = "TABLE", required = true)]
     data: Vec<PathBuf>,
-    /// The calibration to write; other tables of an existing one of the same setup are kept.
+    /// Calibration to write.
+    ///
+    /// If the file exists and belongs to the same setup, its other tables are kept.
     #[arg(long, value_name = "FILE.toml")]
     out: Option<PathBuf>,
-    /// Carry the response over to another magnification of the same display, and write that.
+    /// Scale the response to another magnification of the same display, and write that one.
     #[arg(long, value_name = "OTHER.toml")]
     for_setup: Option<PathBuf>,
-    /// Write one page with the figures.
+    /// Write a report page with the figures.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// Write the figures as response.svg and magnitude.svg into this folder.
+    /// Write the figures into this folder, as response.svg and magnitude.svg.
     #[arg(long, value_name = "DIR")]
     figures: Option<PathBuf>,
     /// Print a JSON document on standard output.
@@ -40,8 +42,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         path.as_ref().map_or(Ok(()), |path| crate::check_file(path, extension))?;
     }
     if let Some(folder) = arguments.figures.as_ref().filter(|folder| !folder.is_dir()) {
-        return Err(InputError::new(folder, "is no folder")
-            .help("make it, or name another for --figures")
+        return Err(InputError::new(folder, "is not a folder")
+            .help("create the folder, or give --figures another one")
             .into());
     }
     let inputs = arguments.data.iter().chain([&arguments.setup]).chain(&arguments.for_setup);

@@ -16,46 +16,48 @@ use crate::output::{print_json, tell};
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum ImagesName {
-    /// No pixels: positions with noise.
+    /// No images: measured positions with noise.
     Points,
-    /// An ideal camera.
+    /// Images of an ideal camera, without the facility.
     Ideal,
-    /// The virtual bench.
+    /// Images of the virtual bench.
     Bench,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum TransferImagesName {
-    /// None: the Monte Carlo alone.
+    /// No images: only the Monte Carlo runs.
     None,
-    /// An ideal camera.
+    /// Images of an ideal camera, without the facility.
     Ideal,
-    /// The virtual bench.
+    /// Images of the virtual bench.
     Bench,
 }
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// The scenario, schema retina.far-range/1.
+    /// Scenario, schema retina.far-range/1.
     #[arg(value_name = "SCENARIO")]
     scenario: PathBuf,
-    /// Folder for the result; poses that are in it are not run again.
+    /// Folder for the results. Poses that are already in it are not run again.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Where the measurements come from, in the place of the scenario's own.
+    /// Source of the measurements [default: the scenario's].
     #[arg(long, value_enum)]
     images: Option<ImagesName>,
-    /// Images of one more run of the transfer's filter, in the place of the scenario's own.
+    /// Source of the images for one more run of the transfer filter [default: the scenario's].
     #[arg(long, value_enum, conflicts_with = "shard")]
     transfer_images: Option<TransferImagesName>,
-    /// Number of random poses, in the place of the scenario's own.
+    /// Number of random poses [default: the scenario's].
     #[arg(long)]
     poses: Option<usize>,
-    /// The bench's calibration, in the place of the scenario's or the setup's own.
+    /// Calibration of the bench [default: the scenario's or the setup's].
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
-    /// Only the poses whose number is I modulo N, without the transfer; once all shards are done, the same folder
-    /// without it has the whole.
+    /// Run only the poses whose number is I modulo N, without the transfer.
+    ///
+    /// Run all shards into one folder. Then run the command without --shard into that folder: it
+    /// gives the whole result.
     #[arg(long, value_name = "I/N", allow_hyphen_values = true)]
     shard: Option<Shard>,
     /// Print a JSON document on standard output.
@@ -98,7 +100,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(shard) => (scenario.poses.count + shard.count - 1 - shard.index) / shard.count,
     };
     if count == 0 {
-        return Err(InputError::new(Path::new("--shard"), "holds no pose")
+        return Err(InputError::new(Path::new("--shard"), "contains no pose")
             .found(format!("more shards than the {} poses", scenario.poses.count))
             .into());
     }
@@ -133,7 +135,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             let sigma_rad = transfer.line_of_sight_sigma_rad.unwrap_or(measured);
             if !sigma_rad.is_finite() || sigma_rad <= 0.0 {
                 return Err(Failure::new(
-                    "no planet was identified: the transfer has no line of sight to go by; give \
+                    "no planet was identified, so the noise of the lines of sight is unknown; give \
                      transfer.line_of_sight_sigma_arcsec",
                 ));
             }

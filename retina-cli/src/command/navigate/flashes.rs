@@ -25,30 +25,35 @@ const BIN_MAGNITUDES: f64 = 0.5;
 pub(crate) struct Arguments {
     #[command(flatten)]
     folder: FramesFolder,
-    /// Magnitude whose light is one DN of the camera's images in their exposure; without it magnitudes are not measured
-    /// there.
+    /// Magnitude of a source that gives 1 DN in the camera images, at their exposure time.
+    ///
+    /// Without it, magnitudes are not measured in camera images.
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     zero_point_magnitude: Option<f64>,
-    /// What is added to it in the image's corners, elsewhere by the square of the distance from the middle: spots of other
-    /// widths than --spot-sigma-px lose light.
+    /// Magnitude added to the zero point in the corners of the image.
+    ///
+    /// Between the middle and the corners it grows with the square of the distance from the middle.
+    /// It corrects for the light lost by spots whose width differs from --spot-sigma-px.
     #[arg(long, value_name = "MAG", allow_negative_numbers = true, requires = "zero_point_magnitude")]
     zero_point_corner_magnitude: Option<f64>,
-    /// Standard deviation of a point's spot in the camera's images, px [default: 1].
+    /// Standard deviation of a point's spot in the camera images, px [default: 1].
     #[arg(long, value_name = "PX")]
     spot_sigma_px: Option<f64>,
-    /// False detections that normal noise gives in a frame: sets the threshold.
+    /// Expected number of false detections per frame from normal noise. It sets the threshold.
     #[arg(long, value_name = "N", default_value_t = FlashOptions::default().false_alarms_per_frame)]
     false_alarms_per_frame: f64,
-    /// Nothing is looked for so near to the limb, px.
+    /// Margin to the limb, px. No flash is searched for within it.
     #[arg(long, value_name = "PX", default_value_t = FlashOptions::default().limb_margin_px)]
     limb_margin_px: f64,
-    /// Nor so near to what may be lit, px.
+    /// Margin to terrain that may be sunlit, px. No flash is searched for within it.
     #[arg(long, value_name = "PX", default_value_t = FlashOptions::default().terminator_margin_px)]
     terminator_margin_px: f64,
-    /// Highest relief over its surroundings, over the body's radius: summits beyond the terminator may be lit.
+    /// Highest relief above its surroundings, divided by the body's radius.
+    ///
+    /// Such summits beyond the terminator may be sunlit.
     #[arg(long, value_name = "SHARE", default_value_t = FlashOptions::default().relief)]
     relief: f64,
-    /// Width of the bins of the detection rates.
+    /// Width of the magnitude bins of the detection rates.
     #[arg(long, value_name = "MAG", default_value_t = BIN_MAGNITUDES)]
     bin_magnitudes: f64,
 }
@@ -70,26 +75,26 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let kind = if folder.images.is_some() { ImageKind::Camera } else { ImageKind::Screen };
     if let (ImageKind::Screen, Some(flag)) = (kind, arguments.camera_flag()) {
         return Err(InputError::new(Path::new(flag), "belongs to camera images")
-            .help("the light of screen images is known from the setup; name photographs by --images")
+            .help("the setup gives the light of screen images; give photographs with --images")
             .into());
     }
     let source = Source::open(folder.choice(Some(kind), LimbOptions::default(), 0.0))?;
     let mut notes = flash_notes(&source)?;
     if kind == ImageKind::Camera && arguments.spot_sigma_px.is_none() {
         notes.push(format!(
-            "no --spot-sigma-px: spots are taken to be {SPOT_SIGMA_PX} px wide (standard deviation)"
+            "no --spot-sigma-px: assuming spots with a standard deviation of {SPOT_SIGMA_PX} px"
         ));
     }
     if kind == ImageKind::Camera && arguments.zero_point_magnitude.is_none() {
         notes.push(
-            "no --zero-point-magnitude: the camera's light is not known, magnitudes are not measured"
+            "no --zero-point-magnitude: the camera's zero point is unknown, so magnitudes are not measured"
                 .to_owned(),
         );
     }
     notes.iter().for_each(|note| tell!("{note}"));
     let list = folder.frames_list()?;
     let mut steps = Steps::new();
-    steps.step("looking for flashes");
+    steps.step("searching for flashes");
     let all = source.frames.len();
     let frames =
         watch_sequence(&source, &light, &options, list.as_deref(), &mut |done| steps.done(done, all));
@@ -139,7 +144,7 @@ fn scenario(arguments: &Arguments) -> Result<(), Failure> {
     let document = report::scenario_document(&sequences, &scenario.detector, &notes);
     write(out, "flashes.json", &format!("{document:#}\n"))?;
     let page = folder.report.clone().unwrap_or_else(|| out.join("flashes.html"));
-    report::page("Flashes of impacts", &sequences, &notes).write(&page)?;
+    report::page("Impact flashes", &sequences, &notes).write(&page)?;
     folder.print(&document, &report::lines(&sequences))
 }
 
@@ -169,7 +174,7 @@ impl Arguments {
             ),
         ] {
             if !fits {
-                return Err(InputError::new(Path::new(flag), "the value does not fit")
+                return Err(InputError::new(Path::new(flag), "the value is out of range")
                     .found(value)
                     .expected(expected));
             }

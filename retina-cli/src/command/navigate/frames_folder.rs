@@ -16,38 +16,40 @@ use crate::output::{print_json, print_lines};
 
 #[derive(clap::Args)]
 pub(crate) struct FramesFolder {
-    /// A folder that `retina render` wrote, or a scenario's TOML file: the whole experiment.
+    /// Folder that `retina render` wrote, or TOML file of a scenario for the whole experiment.
     #[arg(value_name = "DIR|SCENARIO.toml")]
     pub(crate) input: PathBuf,
-    /// Camera images of the folder's screens, as `retina simulate frames` writes them.
+    /// Folder of camera images of the screens, as `retina simulate frames` writes it.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) images: Option<PathBuf>,
-    /// The facility, schema retina.setup/1.
+    /// Facility, schema retina.setup/1.
     #[arg(long, value_name = "FILE")]
     pub(crate) setup: Option<PathBuf>,
-    /// The facility's calibration: of camera images that hold its distortion, or the one that the screen images were
-    /// rendered with.
+    /// Calibration of the facility.
+    ///
+    /// Give it for camera images that still contain the facility's distortion, or for screen images
+    /// that were rendered with it.
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
-    /// The body [default: the only one].
+    /// Body to measure [default: the only one].
     #[arg(long, value_name = "NAME")]
     body: Option<String>,
-    /// Only frames A to B, counted from 0, B excluded.
+    /// Use only frames A to B, counted from 0; B is excluded.
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     frames: Option<FrameRange>,
-    /// Only the frames whose number is I modulo N.
+    /// Use only the frames whose number is I modulo N.
     #[arg(long, value_name = "I/N", allow_hyphen_values = true)]
     shard: Option<Shard>,
-    /// What renders a scenario.
+    /// Renderer for a scenario.
     #[arg(long, value_enum, default_value_t)]
     pub(crate) backend: Backend,
     /// Print a JSON document on standard output.
     #[arg(long)]
     json: bool,
-    /// Also write a page with plots.
+    /// Also write a report page with plots.
     #[arg(long, value_name = "FILE.html")]
     pub(crate) report: Option<PathBuf>,
-    /// Folder for the results; frames that are in it are not measured again.
+    /// Folder for the results. Frames that are already in it are not measured again.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
 }
@@ -73,7 +75,7 @@ impl FramesFolder {
         if let Some((flag, _)) = named.iter().chain(own).find(|(_, given)| *given) {
             return Err(InputError::new(Path::new(flag), "belongs to a folder of frames")
                 .found(self.input.display())
-                .help("leave it out: a scenario names what it needs by its own keys, or its scene does")
+                .help("leave it out: the scenario or its scene sets this by its own keys")
                 .into());
         }
         self.out

@@ -18,9 +18,9 @@ use crate::output::tell;
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Kind {
-    /// What the screen shows.
+    /// Screen images, as displayed.
     Screen,
-    /// What the camera saw of it.
+    /// Camera images of the screen.
     Camera,
 }
 
@@ -28,21 +28,24 @@ enum Kind {
 pub(crate) struct Arguments {
     #[command(flatten)]
     folder: FramesFolder,
-    /// What the images are [default: the camera's with --images, otherwise the screen's].
+    /// Kind of images [default: camera with --images, otherwise screen].
     #[arg(long, value_enum)]
     kind: Option<Kind>,
-    /// Mean height of the seen limb above the reference surface, m.
+    /// Mean height of the visible limb above the reference surface, m.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     limb_height_m: f64,
-    /// Its standard deviation, m.
+    /// Standard deviation of that height, m.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = not_negative)]
     limb_height_sigma_m: f64,
-    /// Standard deviation per axis of the known attitude, arcsec [default: the setup's jitter for camera images, 0 for
-    /// the screen's].
+    /// Standard deviation of the known attitude per axis, arcsec.
+    ///
+    /// [default: the setup's jitter for camera images, 0 for screen images]
     #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
     pointing_sigma_arcsec: Option<f64>,
-    /// SPK kernel that says where the filter takes Sun, Earth and Moon to be; may be repeated, of those that have a body
-    /// the last counts [default: analytical theories].
+    /// SPK kernel for the filter's Sun, Earth and Moon [default: analytical theories].
+    ///
+    /// Repeat the flag for more kernels. If several contain the same body, the last one named is
+    /// used.
     #[arg(long, value_name = "FILE.bsp")]
     ephemeris: Vec<PathBuf>,
 }
@@ -119,9 +122,9 @@ impl Arguments {
             ("--pointing-sigma-arcsec", pointing_arcsec, (0.0..3600.0).contains(&pointing_arcsec)),
         ] {
             if !fits {
-                return Err(InputError::new(Path::new(flag), "the value does not fit")
+                return Err(InputError::new(Path::new(flag), "the value is out of range")
                     .found(value)
-                    .expected("a finite number, 0 or more where it is a standard deviation")
+                    .expected("a finite number; a standard deviation must be 0 or more")
                     .into());
             }
         }

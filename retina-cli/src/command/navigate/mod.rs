@@ -9,16 +9,20 @@ mod steps;
 
 use crate::failure::Failure;
 
-/// Attitude and position from images.
+/// Finds attitude and position from images.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// Finds the attitude of star images, lost in space, and planets in them.
+    /// Finds the attitude from star images, lost in space, and the planets in them.
     Stars(stars::Arguments),
     /// Runs the paper's far-range experiment: random poses, and a transfer to Mars.
     FarRange(far_range::Arguments),
-    /// Measures a resolved body by its limb over a rendered sequence, or runs the paper's LUMIO experiment.
+    /// Finds the camera's position from the limb of a resolved body.
+    ///
+    /// The input is a rendered sequence, or a scenario for the paper's whole LUMIO experiment.
     FullDisk(full_disk::Arguments),
-    /// Finds flashes of impacts on a body's night side over a rendered sequence, or runs the whole experiment.
+    /// Finds impact flashes on the night side of a body.
+    ///
+    /// The input is a rendered sequence, or a scenario for the whole experiment.
     Flashes(flashes::Arguments),
 }
 

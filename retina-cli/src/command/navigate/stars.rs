@@ -25,59 +25,68 @@ pub(crate) struct Arguments {
     /// Star images: grey PNG, TIFF or FITS.
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
-    /// The camera, schema retina.setup/1.
+    /// Setup with the camera, schema retina.setup/1.
     #[arg(long, value_name = "FILE", required_unless_present = "fov_deg")]
     setup: Option<PathBuf>,
-    /// The calibration of images that hold the facility's distortion.
+    /// Calibration of the facility, for images that contain its distortion.
     #[arg(long, value_name = "FILE", requires = "setup", conflicts_with = "fov_deg")]
     calibration: Option<PathBuf>,
-    /// Horizontal field of view, degrees: 11.4, or a range 10..13; in the place of the setup's focal length.
+    /// Horizontal field of view, degrees, instead of a setup: 11.4, or a range such as 10..13.
     #[arg(long, value_name = "DEG|DEG..DEG", conflicts_with = "setup")]
     fov_deg: Option<String>,
-    /// How far the focal length may be off, per cent.
+    /// Uncertainty of the focal length, per cent.
     #[arg(long, default_value_t = 3.0, value_name = "PERCENT")]
     focal_percent: f64,
-    /// Epoch of the images, ISO 8601 [default: places of stars at J2020.0].
+    /// Epoch of the images, ISO 8601 [default: star positions of J2020.0].
     #[arg(long, value_name = "EPOCH")]
     time: Option<String>,
-    /// Where the camera is, barycentric ICRF metres X,Y,Z, or `earth`: planets are looked for.
+    /// Position of the camera, barycentric ICRF, m: X,Y,Z or `earth`.
+    ///
+    /// With it, planets are searched for.
     #[arg(long, value_name = "X,Y,Z|earth", requires = "time", allow_hyphen_values = true)]
     position_m: Option<String>,
-    /// Its velocity, barycentric ICRF m/s: corrects for aberration [default with `earth`: the Earth's].
+    /// Velocity of the camera, barycentric ICRF, m/s [default with `earth`: the Earth's].
+    ///
+    /// With it, the attitude is corrected for aberration.
     #[arg(long, value_name = "X,Y,Z", requires = "position_m", allow_hyphen_values = true)]
     velocity_m_s: Option<String>,
-    /// SPK kernel that says where Sun, Moon and planets are; may be repeated, of those that have a body the last counts
-    /// [default: analytical theories].
+    /// SPK kernel for the Sun, the Moon and the planets [default: analytical theories].
+    ///
+    /// Repeat the flag for more kernels. If several contain the same body, the last one named is
+    /// used.
     #[arg(long, value_name = "FILE.bsp", requires = "position_m")]
     ephemeris: Vec<PathBuf>,
     /// Uncertainty of the position (3 sigma), km.
     #[arg(long, default_value_t = 3e-3 * PAPER_POSITION_SIGMA_M)]
     position_3_sigma_km: f64,
-    /// Log10 of the greatest chance of a false answer.
+    /// Highest accepted probability of a false answer, as log10.
     #[arg(long, default_value_t = -7.0, allow_negative_numbers = true)]
     log10_bound: f64,
-    /// Hypotheses (triangles of stars) after which an image is given up: some seconds, whatever the field of view.
+    /// Number of star triangles (hypotheses) after which the search on an image stops.
+    ///
+    /// The default takes some seconds, whatever the field of view.
     #[arg(long, default_value_t = SolverOptions::default().most_hypotheses, value_name = "N")]
     most_hypotheses: usize,
-    /// A point's brightest 3 x 3 pixels stand out of the background by so many standard deviations.
+    /// Detection threshold of a point's brightest 3 x 3 pixels over the background, standard
+    /// deviations.
     #[arg(long, default_value_t = 5.0)]
     threshold_sigma: f64,
     /// Bits of the camera's digital numbers [default: the setup's, or those of the file].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16))]
     bits: Option<u32>,
-    /// Take the mean of a colour image's channels.
+    /// Take colour images, as the mean of their channels.
     #[arg(long)]
     colour: bool,
-    /// The images are mirror images.
+    /// Treat the images as mirror images.
     #[arg(long)]
     mirrored: bool,
     /// List the matched stars in the JSON document.
     #[arg(long, requires = "json")]
     stars: bool,
-    /// Exit with 1 if an image is refused.
+    /// Exit with code 1 if an image is refused.
     #[arg(long)]
     all: bool,
-    /// Exit with 1 if a solution's residuals are larger, arcsec rms.
+    /// Exit with code 1 if a solution's residuals exceed this, arcsec rms.
     #[arg(long)]
     rms_arcsec: Option<f64>,
     /// Print a JSON document on standard output.
@@ -107,7 +116,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             Err(error) => {
                 let file = path.display().to_string();
                 documents.push(json!({
-                    "file": file, "solved": false, "reason": "unreadable", "message": "the file is no image that fits",
+                    "file": file, "solved": false, "reason": "unreadable", "message": "the file is not a readable image of this camera",
                     "ra_deg": null, "dec_deg": null, "roll_deg": null, "matches": 0, "rms_arcsec": null, "planets": [],
                 }));
                 unreadable.get_or_insert(error);
@@ -186,10 +195,10 @@ impl Arguments {
             let (found, expected) =
                 ([image.width_px, image.height_px], [setup.camera.width_px, setup.camera.height_px]);
             if found != expected {
-                return Err(InputError::new(path, "the image is not of the setup's camera")
+                return Err(InputError::new(path, "the image does not have the size of the setup's camera")
                     .found(format!("{} x {} pixels", found[0], found[1]))
                     .expected(format!("{} x {}", expected[0], expected[1]))
-                    .help("give the setup of this camera, or --fov-deg in its place")
+                    .help("give the setup of this camera, or --fov-deg instead")
                     .into());
             }
         }
@@ -232,7 +241,7 @@ impl Arguments {
             ("--rms-arcsec", rms_arcsec, rms_arcsec > 0.0, "above 0"),
         ] {
             if !(fits && value.is_finite()) {
-                return Err(InputError::new(Path::new(flag), "the value does not fit")
+                return Err(InputError::new(Path::new(flag), "the value is out of range")
                     .found(value)
                     .expected(expected)
                     .into());
@@ -242,7 +251,7 @@ impl Arguments {
         let tdb_s = parse_epoch(time).map_err(|error| Failure::new(format!("--time: {error}")))?;
         // Proper motions are linear, and so are the ephemerides' centuries.
         if tdb_s.abs() > 100.0 * 365.25 * 86_400.0 {
-            return Err(InputError::new(Path::new("--time"), "is too far away")
+            return Err(InputError::new(Path::new("--time"), "is out of range")
                 .found(time)
                 .expected("the years 1900 to 2100")
                 .into());

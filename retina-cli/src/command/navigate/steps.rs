@@ -102,7 +102,7 @@ pub(crate) fn results_folder(out: &Path, input: &Path) -> Result<(), InputError>
         && (whole == rendered
             || ["frames", "truth"].iter().any(|part| whole.starts_with(rendered.join(part))))
     {
-        return Err(InputError::new(out, "is the rendered folder itself, or its frames' or truth's")
+        return Err(InputError::new(out, "is the rendered folder itself, or its frames or truth folder")
             .at("--out")
             .expected("a folder of its own for the results"));
     }

@@ -12,15 +12,15 @@ use crate::failure::Failure;
 
 #[derive(clap::Args)]
 pub(crate) struct TraceArguments {
-    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    /// Prescription (.toml, .zmx) or name of a shipped design.
     system: PathBuf,
-    /// Field: tangents x,y, or mm for a finite object.
+    /// Field point: tangents x,y, or mm for a finite object.
     #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true, default_value = "0,0")]
     field: [f64; 2],
-    /// Pupil point, within the unit disc.
+    /// Pupil point, on the unit disc.
     #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true, default_value = "0,0")]
     pupil: [f64; 2],
-    /// Wavelength, nm; the primary one if not given.
+    /// Wavelength, nm [default: the primary one].
     #[arg(long, value_name = "NM")]
     wavelength_nm: Option<f64>,
     #[command(flatten)]
@@ -82,12 +82,12 @@ pub(super) fn trace(arguments: &TraceArguments) -> Result<(), Failure> {
 
 #[derive(clap::Args)]
 pub(crate) struct SpotArguments {
-    /// Prescriptions (.toml, .zmx) or names of designs that ship; each becomes a row of the drawing.
+    /// Prescriptions (.toml, .zmx) or names of shipped designs. Each becomes a row of the drawing.
     #[arg(required = true)]
     systems: Vec<PathBuf>,
     #[command(flatten)]
     quadrature: Quadrature,
-    /// Drawn and printed size over size on the image: from screen to sensor, for example.
+    /// Scale from the image to the printed and drawn sizes, for example from screen to sensor.
     #[arg(long, default_value_t = 1.0, value_parser = super::positive, allow_negative_numbers = true)]
     scale: f64,
     #[command(flatten)]
@@ -176,9 +176,9 @@ pub(super) fn spots(arguments: &SpotArguments) -> Result<(), Failure> {
 
 #[derive(clap::Args)]
 pub(crate) struct FanArguments {
-    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    /// Prescription (.toml, .zmx) or name of a shipped design.
     system: PathBuf,
-    /// Rays on each side of the chief ray.
+    /// Number of rays on each side of the chief ray.
     #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..=1000))]
     half: u16,
     #[command(flatten)]

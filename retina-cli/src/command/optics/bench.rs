@@ -19,7 +19,7 @@ pub(crate) struct Arguments {
     /// Focal length of the camera's objective, mm.
     #[arg(long, value_name = "MM")]
     camera_focal_mm: f64,
-    /// The sensor: columns x rows @ pixel pitch in um.
+    /// Sensor: columns x rows @ pixel pitch in um.
     #[arg(long, value_name = "WxH@UM", value_parser = sensor, default_value = "2048x1536@3.45")]
     sensor: Sensor,
     /// F-number of the objective.
@@ -28,7 +28,7 @@ pub(crate) struct Arguments {
     /// Bits of the camera's digital numbers.
     #[arg(long, value_name = "BITS", default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..=32))]
     camera_bits: u32,
-    /// Take the screen from this setup; the paper's display if not given.
+    /// Setup whose screen is used [default: the paper's display].
     #[arg(long, value_name = "FILE")]
     screen_of: Option<PathBuf>,
     /// Focal length of the collimator, mm.
@@ -40,16 +40,16 @@ pub(crate) struct Arguments {
     /// Clear diameter of both lenses, mm.
     #[arg(long, value_name = "MM", default_value_t = PaperModel::LENS_DIAMETER_MM)]
     lens_mm: f64,
-    /// Camera pupil to collimator, mm; 1.3 times the collimator's focal length if not given.
+    /// Distance from the camera pupil to the collimator, mm [default: 1.3 times f_c].
     #[arg(long, value_name = "MM")]
     s_cam_mm: Option<f64>,
-    /// The extent in which the camera's field and the screen are matched.
+    /// Extent in which the camera's field is matched to the screen.
     #[arg(long, value_enum, default_value_t)]
     match_by: Matching,
     /// Name of the configuration.
     #[arg(long, default_value = "camera")]
     name: String,
-    /// The setup.toml to write.
+    /// Setup (setup.toml) to write.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -104,7 +104,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.output.check()?;
     arguments.out.as_deref().map_or(Ok(()), |file| crate::check_file(file, "toml"))?;
     if arguments.name.is_empty() || arguments.name.chars().any(char::is_control) {
-        return Err(InputError::new("--name", "the name does not do")
+        return Err(InputError::new("--name", "the name is not valid")
             .found(format!("{:?}", arguments.name))
             .expected("text without line breaks or other control characters")
             .into());
@@ -139,8 +139,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let design = bench_design(&camera, &screen, &lenses, &BenchLimits::PAPER, arguments.match_by.into());
     let mut warnings = Vec::new();
     if !design.margins.all_hold() {
-        warnings
-            .push("a limit of the bench or a lens's rim is exceeded: see the negative margins".to_owned());
+        warnings.push(
+            "the design exceeds a limit of the bench or the rim of a lens: see the negative margins"
+                .to_owned(),
+        );
     }
     if design.rows_beyond_screen_px > 0.0 {
         warnings.push(format!(

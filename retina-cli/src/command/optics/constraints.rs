@@ -17,7 +17,7 @@ pub(crate) struct Arguments {
     /// Focal length of the relay, mm.
     #[arg(long, value_name = "MM")]
     f_r: f64,
-    /// Extent of the screen that the field is matched to, mm: its diagonal for diagonal fields.
+    /// Extent of the screen that matches the field, mm; for diagonal fields its diagonal.
     #[arg(long, value_name = "MM", default_value_t = PaperModel::SCREEN_DIAGONAL_MM)]
     screen_mm: f64,
     /// Diameter of the camera's entrance pupil, mm.
@@ -26,16 +26,18 @@ pub(crate) struct Arguments {
     /// Clear diameter of both lenses, mm.
     #[arg(long, value_name = "MM", default_value_t = PaperModel::LENS_DIAMETER_MM)]
     lens_mm: f64,
-    /// Camera pupil to collimator, mm; the collimator's focal length if not given.
+    /// Distance from the camera pupil to the collimator, mm [default: f_c].
     #[arg(long, value_name = "MM")]
     s_cam_mm: Option<f64>,
-    /// The same over a grid of focal lengths, with s_cam in the same proportion to f_c; --svg draws it.
+    /// Also compute a grid of focal lengths; --svg and --png draw it.
+    ///
+    /// s_cam keeps its proportion to f_c.
     #[arg(long)]
     grid: bool,
     /// First and last focal length of the grid, mm.
     #[arg(long, value_name = "MM,MM", value_parser = pair, default_value = "40,200")]
     grid_mm: [f64; 2],
-    /// Points of the grid along each focal length.
+    /// Number of grid points along each focal length.
     #[arg(long, value_name = "N", default_value_t = 81, value_parser = clap::value_parser!(u16).range(2..=1000))]
     grid_count: u16,
     #[command(flatten)]
@@ -104,8 +106,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.output.print("constraints", &document, || match &range {
         None => vec!["no field is within the limits".to_owned()],
         Some(range) => vec![
-            format!("smallest diagonal field {:.3} deg, bound by {}", range.min_rad.to_degrees(), limits[0]),
-            format!("largest diagonal field {:.3} deg, bound by {}", range.max_rad.to_degrees(), limits[1]),
+            format!(
+                "smallest diagonal field {:.3} deg, limited by {}",
+                range.min_rad.to_degrees(),
+                limits[0]
+            ),
+            format!("largest diagonal field {:.3} deg, limited by {}", range.max_rad.to_degrees(), limits[1]),
         ],
     })
 }

@@ -13,12 +13,12 @@ use crate::output::tell;
 
 #[derive(clap::Args)]
 pub(crate) struct WavefrontArguments {
-    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    /// Prescription (.toml, .zmx) or name of a shipped design.
     system: PathBuf,
-    /// Wavelength, nm; the primary one if not given.
+    /// Wavelength, nm [default: the primary one].
     #[arg(long, value_name = "NM")]
     wavelength_nm: Option<f64>,
-    /// Pupil points a side.
+    /// Number of pupil points per side.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u16).range(4..=512))]
     pupil: u16,
     #[command(flatten)]
@@ -56,15 +56,16 @@ const ENOUGH_LIGHT: f64 = 0.99;
 
 #[derive(clap::Args)]
 pub(crate) struct PsfArguments {
-    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    /// Prescription (.toml, .zmx) or name of a shipped design.
     system: PathBuf,
-    /// Pupil points a side; chosen so that the PSF's repetitions stay away if not given.
+    /// Number of pupil points per side [default: enough to keep the repetitions of the PSF apart].
     #[arg(long, value_parser = clap::value_parser!(u16).range(8..=1024))]
     pupil: Option<u16>,
-    /// Pixels a side of the PSF; chosen with the pitch so that 99 % of the light is on them if not given.
+    /// Number of pixels per side of the PSF [default: with the pitch, enough for 99 % of the
+    /// light].
     #[arg(long, value_parser = clap::value_parser!(u16).range(8..=1024))]
     pixels: Option<u16>,
-    /// Pixel pitch, um; chosen if not given.
+    /// Pixel pitch, um [default: chosen with the number of pixels].
     #[arg(long, value_name = "UM", value_parser = super::positive, allow_negative_numbers = true)]
     pitch_um: Option<f64>,
     /// Draw the encircled energy into this SVG file.
@@ -140,9 +141,9 @@ pub(super) fn psf(arguments: &PsfArguments) -> Result<(), Failure> {
 
 #[derive(clap::Args)]
 pub(crate) struct MtfArguments {
-    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    /// Prescription (.toml, .zmx) or name of a shipped design.
     system: PathBuf,
-    /// Pupil points a side.
+    /// Number of pupil points per side.
     #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u16).range(8..=512))]
     pupil: u16,
     /// Highest spatial frequency, cycles/mm.

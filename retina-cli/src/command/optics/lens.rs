@@ -12,9 +12,9 @@ use crate::failure::Failure;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    /// Prescription (.toml, .zmx) or name of a shipped design.
     system: PathBuf,
-    /// Wavelength, nm; the primary one if not given.
+    /// Wavelength, nm [default: the primary one].
     #[arg(long, value_name = "NM")]
     wavelength_nm: Option<f64>,
     #[command(flatten)]
@@ -88,9 +88,9 @@ pub(super) fn first_order(arguments: &Arguments) -> Result<(), Failure> {
 
 #[derive(clap::Args)]
 pub(crate) struct FieldArguments {
-    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    /// Prescription (.toml, .zmx) or name of a shipped design.
     system: PathBuf,
-    /// Steps from the axis to the largest field.
+    /// Number of steps from the axis to the largest field.
     #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..=1000))]
     steps: u16,
     /// Draw illumination and vignetting into this SVG file.
@@ -136,12 +136,12 @@ pub(super) fn field(arguments: &FieldArguments) -> Result<(), Failure> {
 
 #[derive(clap::Args)]
 pub(crate) struct GhostArguments {
-    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    /// Prescription (.toml, .zmx) or name of a shipped design.
     system: PathBuf,
-    /// Reflectance of surfaces between air and glass, for example 0.005; uncoated if not given.
+    /// Reflectance of surfaces between air and glass, for example 0.005 [default: uncoated].
     #[arg(long, value_name = "R")]
     coating: Option<f64>,
-    /// Ghosts to list.
+    /// Number of ghosts to list.
     #[arg(long, default_value_t = 20)]
     count: usize,
     #[command(flatten)]
@@ -185,27 +185,27 @@ pub(super) fn ghosts(arguments: &GhostArguments) -> Result<(), Failure> {
 
 #[derive(clap::Args)]
 pub(crate) struct ToleranceArguments {
-    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    /// Prescription (.toml, .zmx) or name of a shipped design.
     system: PathBuf,
-    /// Tilt of each lens about x and y, arcmin; 600 at most.
+    /// Tilt of each lens about x and y, arcmin; at most 600.
     #[arg(long, default_value_t = 3.0, value_parser = super::up_to(600.0), allow_negative_numbers = true)]
     tilt_arcmin: f64,
-    /// Decentre of each lens along x and y, um; 1e5 at most.
+    /// Decentre of each lens along x and y, um; at most 1e5.
     #[arg(long, default_value_t = 50.0, value_parser = super::up_to(1e5), allow_negative_numbers = true)]
     decentre_um: f64,
-    /// Error of each air gap, um; 1e5 at most.
+    /// Error of each air gap, um; at most 1e5.
     #[arg(long, default_value_t = 100.0, value_parser = super::up_to(1e5), allow_negative_numbers = true)]
     gap_um: f64,
-    /// Error of each glass's index; 0.5 at most.
+    /// Error of each glass's index; at most 0.5.
     #[arg(long, default_value_t = 5e-4, value_parser = super::up_to(0.5), allow_negative_numbers = true)]
     index: f64,
-    /// Leave the image where it is.
+    /// Keep the image plane fixed instead of refocusing.
     #[arg(long)]
     no_refocus: bool,
-    /// Trials.
+    /// Number of trials.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     trials: u32,
-    /// Seed.
+    /// Seed of the trials.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     #[command(flatten)]
@@ -244,7 +244,7 @@ pub(super) fn tolerance(arguments: &ToleranceArguments) -> Result<(), Failure> {
                 report.seed,
                 report.failed,
                 if report.failed > 0 {
-                    ": a beam did not arrive, and the shares are those of the others"
+                    ": a beam did not arrive; the percentiles are those of the other trials"
                 } else {
                     ""
                 }
@@ -268,12 +268,12 @@ const LARGEST_EXPANSION_1E6_PER_K: f64 = 1000.0;
 
 #[derive(clap::Args)]
 pub(crate) struct ThermalArguments {
-    /// A prescription (.toml, .zmx) or the name of a design that ships.
+    /// Prescription (.toml, .zmx) or name of a shipped design.
     system: PathBuf,
-    /// Temperatures, degC.
+    /// Temperatures, degC, separated by commas.
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, default_value = "10,15,20,25,30")]
     temperatures_c: Vec<f64>,
-    /// Linear expansion of the mount, 1e-6/K (aluminium by default).
+    /// Linear expansion of the mount, 1e-6/K; the default is aluminium.
     #[arg(long, default_value_t = 23.6)]
     mount_1e6_per_k: f64,
     #[command(flatten)]
@@ -324,7 +324,7 @@ pub(super) fn thermal(arguments: &ThermalArguments) -> Result<(), Failure> {
 
 #[derive(clap::Args)]
 pub(crate) struct LayoutArguments {
-    /// Prescriptions (.toml, .zmx) or names of designs that ship, drawn below one another.
+    /// Prescriptions (.toml, .zmx) or names of shipped designs, drawn below one another.
     #[arg(required = true)]
     systems: Vec<PathBuf>,
     #[command(flatten)]
@@ -335,7 +335,7 @@ pub(crate) struct LayoutArguments {
 
 pub(super) fn layout(arguments: &LayoutArguments) -> Result<(), Failure> {
     if !arguments.drawing.is_wanted() {
-        return Err(Failure::new("a layout needs a file to be drawn into: --svg FILE, --png FILE or both"));
+        return Err(Failure::new("a layout needs an output file: --svg FILE, --png FILE or both"));
     }
     arguments.drawing.check()?;
     let systems = arguments

@@ -29,41 +29,41 @@ fn positive(text: &str) -> Result<f64, String> {
 fn up_to(limit: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
     move |text| {
         let value = text.parse::<f64>().ok().filter(|value| (0.0..=limit).contains(value));
-        value.ok_or_else(|| format!("expected a number, 0 or more and at most {limit}"))
+        value.ok_or_else(|| format!("expected a number from 0 to {limit}"))
     }
 }
 
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// Follows one ray through all surfaces.
+    /// Traces one ray through all surfaces.
     Trace(beam::TraceArguments),
-    /// Focal lengths, pupils, principal planes and Seidel sums.
+    /// Prints focal lengths, pupils, principal planes and Seidel sums.
     FirstOrder(lens::Arguments),
-    /// Spot diagrams and their RMS radius.
+    /// Computes spot diagrams and their RMS radius.
     Spots(beam::SpotArguments),
-    /// Transverse ray errors over the pupil.
+    /// Computes transverse ray errors over the pupil.
     Fans(beam::FanArguments),
-    /// Field curvature, distortion, lateral colour and illumination.
+    /// Computes field curvature, distortion, lateral colour and illumination.
     Field(lens::FieldArguments),
-    /// Wavefront maps.
+    /// Computes wavefront maps.
     Wavefront(image::WavefrontArguments),
-    /// Point spread functions and encircled energy.
+    /// Computes point spread functions and encircled energy.
     Psf(image::PsfArguments),
-    /// Modulation transfer functions.
+    /// Computes modulation transfer functions.
     Mtf(image::MtfArguments),
-    /// Ghosts of two reflections.
+    /// Finds ghosts of two reflections.
     Ghosts(lens::GhostArguments),
-    /// Monte Carlo over mounting and manufacturing errors.
+    /// Runs a Monte Carlo over mounting and manufacturing errors.
     Tolerance(lens::ToleranceArguments),
-    /// Spots and focus over temperature.
+    /// Computes spots and focus over temperature.
     Thermal(lens::ThermalArguments),
-    /// The layout drawing.
+    /// Draws the layout.
     Layout(lens::LayoutArguments),
-    /// The fields that a collimator and a relay can serve, and what binds.
+    /// Computes the fields that a collimator and a relay allow, and which constraint limits them.
     Constraints(constraints::Arguments),
-    /// Distances, margins and setup.toml for a camera.
+    /// Computes the distances and margins of the bench for a camera, and its setup.toml.
     Design(bench::Arguments),
-    /// Finds stock lenses for the collimator and the relay.
+    /// Searches stock lenses for the collimator and the relay.
     Search(Box<search::Arguments>),
 }
 
@@ -90,13 +90,14 @@ pub(crate) fn run(command: Command) -> Result<(), Failure> {
 /// How a system is read.
 #[derive(clap::Args)]
 pub(crate) struct Reading {
-    /// A glass catalogue (AGF) to know beside the embedded glasses; may be given several times.
+    /// Glass catalogue (AGF) to use besides the embedded glasses. Repeat the flag for more.
     #[arg(long, value_name = "FILE")]
     agf: Vec<PathBuf>,
-    /// Part of each clear semi-diameter that light may use, for example 0.9; overrides the file's.
+    /// Fraction of each clear semi-diameter that light may use, for example 0.9 [default: the
+    /// file's].
     #[arg(long, value_name = "FRACTION")]
     clear: Option<f64>,
-    /// Let apertures stop no rays.
+    /// Let no aperture stop a ray.
     #[arg(long, conflicts_with = "clear")]
     unclipped: bool,
 }
@@ -119,10 +120,10 @@ impl Reading {
 /// Gaussian quadrature of the pupil.
 #[derive(clap::Args)]
 pub(crate) struct Quadrature {
-    /// Gauss-Legendre rings of the pupil, or of what apertures leave of it.
+    /// Number of Gauss-Legendre rings over the pupil, or over the part that apertures leave open.
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u16).range(1..=200))]
     rings: u16,
-    /// Arms of the pupil.
+    /// Number of arms over the pupil.
     #[arg(long, default_value_t = 48, value_parser = clap::value_parser!(u16).range(3..=1000))]
     arms: u16,
 }
@@ -255,7 +256,7 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
     match numbers.as_deref() {
         Ok([x, y]) if x.is_finite() && y.is_finite() => Ok([*x, *y]),
-        _ => Err("expected two numbers with a comma between, such as 0,0.1".into()),
+        _ => Err("expected two numbers separated by a comma, such as 0,0.1".into()),
     }
 }
 

@@ -28,62 +28,66 @@ pub(crate) struct Arguments {
     /// Focal length of the relay, mm.
     #[arg(long, value_name = "MM", default_value_t = 82.8)]
     f_r: f64,
-    /// Camera pupil to the collimator's principal plane, mm; 1.3 times f_c if not given.
+    /// Distance from the camera pupil to the collimator's principal plane, mm [default: 1.3 times
+    /// f_c].
     #[arg(long, value_name = "MM")]
     s_cam_mm: Option<f64>,
-    /// A facility configuration to serve; may be given several times. The paper's two if none is.
+    /// Setup of a configuration to serve. Repeat the flag for more [default: the paper's two].
     #[arg(long, value_name = "FILE")]
     setup: Vec<PathBuf>,
-    /// The extent in which fields and screen are matched; reference designs are compared by the diagonal.
+    /// Extent in which the fields are matched to the screen.
+    ///
+    /// Use the diagonal to compare with the reference designs.
     #[arg(long, value_enum, default_value_t = Matching::Diagonal)]
     match_by: Matching,
-    /// Doublets of the collimator, 2 or 3.
+    /// Number of doublets of the collimator, 2 or 3.
     #[arg(long, value_name = "N", default_value_t = 3)]
     collimator_lenses: usize,
-    /// Doublets of the relay, 2 or 3.
+    /// Number of doublets of the relay, 2 or 3.
     #[arg(long, value_name = "N", default_value_t = 2)]
     relay_lenses: usize,
-    /// Use only parts whose number begins so; may be given several times.
+    /// Use only parts whose number starts with this prefix. Repeat the flag for more.
     #[arg(long, value_name = "PREFIX")]
     part: Vec<String>,
     /// Smallest lens diameter, mm.
     #[arg(long, value_name = "MM", default_value_t = 45.0)]
     min_diameter_mm: f64,
-    /// Least gap between lenses, on the axis and at the rim, mm.
+    /// Smallest gap between lenses, on the axis and at the rim, mm.
     #[arg(long, value_name = "MM", default_value_t = 0.5)]
     min_gap_mm: f64,
     /// Largest gap between lenses of a group, mm.
     #[arg(long, value_name = "MM", default_value_t = 40.0)]
     max_gap_mm: f64,
-    /// Longest distance from screen to collimator, mm.
+    /// Largest distance from the screen to the collimator, mm.
     #[arg(long, value_name = "MM", default_value_t = BenchLimits::PAPER.total_length_mm)]
     max_length_mm: f64,
-    /// Least distance from the relay's glass to the screen, mm.
+    /// Smallest distance from the glass of the relay to the screen, mm.
     #[arg(long, value_name = "MM", default_value_t = BenchLimits::PAPER.screen_relay_mm)]
     min_screen_gap_mm: f64,
-    /// Part of each lens's semi-diameter that light may use.
+    /// Fraction of each lens's semi-diameter that light may use.
     #[arg(long, value_name = "FRACTION", default_value_t = 1.0)]
     clear: f64,
-    /// Largest share of a field's beam that the lenses may cut.
+    /// Largest share of a field's beam that the lenses may vignette.
     #[arg(long, value_name = "SHARE", default_value_t = 0.01)]
     max_vignetted: f64,
-    /// Pairs of groups that are refitted with exact rays.
+    /// Number of collimator and relay pairs to refit with exact rays.
     #[arg(long, value_name = "N", default_value_t = 20_000)]
     candidates: usize,
-    /// Leaders whose lenses are swapped, and batches of random swaps.
+    /// Number of leading designs whose lenses are swapped, and of batches of random swaps.
     #[arg(long, value_name = "N", default_value_t = 12)]
     leaders: usize,
     /// Seed of the random swaps.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Keep the search's state in this file, and continue from it if it is there.
+    /// File for the state of the search. If it exists, the search continues from it.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
-    /// Write the best design as prescriptions that every optics command reads, a file for each
-    /// configuration: FILE.toml becomes FILE-wide-fov.toml and so on.
+    /// Write the best design as prescriptions that every optics command reads.
+    ///
+    /// There is one file for each configuration: FILE.toml becomes FILE-wide-fov.toml and so on.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Which design of the ranked table --out writes.
+    /// Rank of the design that --out writes.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..), requires = "out")]
     rank: u16,
     #[command(flatten)]
@@ -114,12 +118,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// Why there is no design, and what comes nearest to one.
 fn nothing_found(report: &SearchReport) -> String {
-    let mut text = "no design keeps all limits; candidates that were ruled out:".to_owned();
+    let mut text = "no design keeps all limits; candidates that each limit excluded:".to_owned();
     for entry in report.removed.iter().filter(|entry| entry.candidates > 0) {
         text += &format!("\n  {:8}  {}", entry.candidates, entry.limit.words());
     }
     let Some(NearestMiss { design, exceeds }) = &report.nearest_miss else {
-        return text + "\nof the best ranked ones none lets its rays through";
+        return text + "\nnone of the best-ranked candidates lets its rays through";
     };
     text += &format!("\nnearest miss: {:.3} um, {}", design.worst_rms_um, lenses(design));
     for excess in exceeds {
@@ -254,7 +258,7 @@ impl Reporter {
     fn new() -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
             let style =
-                ProgressStyle::with_template("{wide_bar} {pos}/{len} {msg}, {elapsed} gone, {eta} left");
+                ProgressStyle::with_template("{wide_bar} {pos}/{len} {msg}, {elapsed} elapsed, {eta} left");
             ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
         });
         Self { bar, phase: None, began: (Instant::now(), 0), last_line: Instant::now() }

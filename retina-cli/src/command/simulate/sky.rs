@@ -15,23 +15,25 @@ use crate::output::tell;
 pub(crate) struct Arguments {
     #[command(flatten)]
     common: Common,
-    /// The facility's calibration; without it nothing is compensated.
+    /// Calibration of the facility [default: none, and nothing is compensated].
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
-    /// An object of the sky, its magnitude and, where it has one, its diameter; may be given several times
-    /// [default: Jupiter:-2.26:40 and stars of 0.5 and 2.5 mag].
+    /// Object in the sky: name, magnitude and, unless it is a star, diameter. Repeat the flag for
+    /// more.
+    ///
+    /// [default: Jupiter:-2.26:40 and stars of 0.5 and 2.5 mag]
     #[arg(long = "object", value_name = "NAME:MAG[:ARCSEC]")]
     objects: Vec<String>,
     /// Exposure time, s [default: the brightest object's peak in the sky at 80 % of the full well].
     #[arg(long)]
     exposure_s: Option<f64>,
-    /// What the atmosphere takes at the zenith, mag.
+    /// Atmospheric extinction at the zenith, mag.
     #[arg(long, default_value_t = 0.25)]
     extinction_mag: f64,
-    /// Air masses that the objects are seen through.
+    /// Air mass towards the objects.
     #[arg(long, default_value_t = 2.5)]
     airmass: f64,
-    /// Brightness of the sky's background, mag per square arcsec.
+    /// Brightness of the sky background, mag per square arcsec.
     #[arg(long, default_value_t = 19.5)]
     background_mag_arcsec2: f64,
 }
@@ -48,7 +50,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         options.objects = arguments.objects.iter().map(|text| object(text)).collect::<Result<_, _>>()?;
     }
     if options.objects.len() > 12 {
-        return Err(InputError::new(Path::new("--object"), "is given too often")
+        return Err(InputError::new(Path::new("--object"), "is given too many times")
             .found(options.objects.len())
             .expected("at most 12 objects")
             .into());
@@ -65,8 +67,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     sky_page(&result, &options, &facility).write(&common.out.join("sky.html"))?;
     for c in &result.comparisons {
         tell!(
-            "{}: {:.2} mag shown as {:.2}; light {:+.2} mag brighter than in the sky; half of it within {:.2} px \
-             (sky {:.2}); seen in {} px (sky {})",
+            "{}: {:.2} mag, displayed as {:.2}; {:+.2} mag brighter than in the sky; half of the light within {:.2} px \
+             (sky {:.2}); visible in {} px (sky {})",
             c.object.name,
             c.object.magnitude,
             c.displayed_magnitude,
