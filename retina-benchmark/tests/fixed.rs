@@ -10,7 +10,7 @@ const SETS: usize = 40;
 /// The truth is the one that was sealed, and the workbench meets it as far as forty sets can tell.
 #[test]
 fn a_round_of_forty_sets() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let folder = tempfile::tempdir().unwrap();
     let hash = generate(folder.path(), SEED, SETS, None).unwrap();
     let sealed = std::fs::read_to_string(root.join("tests/benchmark/truth.txt")).unwrap();
@@ -39,7 +39,7 @@ fn a_round_of_forty_sets() {
 /// A run that was stopped half way through a line goes on, and finishes the same.
 #[test]
 fn a_run_that_was_stopped_goes_on() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let setup = root.join("assets/setups/wide-fov.toml");
     let folder = tempfile::tempdir().unwrap();
     // Phase curves alone: they are quick.
