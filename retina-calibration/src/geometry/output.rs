@@ -339,7 +339,7 @@ pub fn write_residuals(
             text,
             "{},{},{:?},{:?},{:?},{:?},{:?},{:?},{:.6},{:.6},{}",
             point.row,
-            table.images[table.rows[point.row].image],
+            retina_files::csv_cell(&table.images[table.rows[point.row].image]),
             point.sight.x,
             point.sight.y,
             point.log10_irradiance,
