@@ -10,7 +10,7 @@ use retina_diagnosis::{Baseline, Dataset, DiagnoseOptions, Source, diagnose};
 use retina_geometry::Setup;
 
 fn main() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let setup = Setup::read(&root.join("assets/setups/wide-fov.toml")).unwrap();
     let folder = std::env::temp_dir().join(format!("retina-diagnose-rate-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
