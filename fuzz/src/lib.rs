@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use retina_diagnosis::{AddedEffect, Baseline, Dataset, Source};
-use retina_geometry::{Calibration, Setup};
+use retina_formats::{Calibration, Measurements, RadiometricCalibration, TableKind};
+use retina_geometry::Setup;
 use retina_image::{CameraImage, ReadOptions};
 
 /// A reader that is fed bytes.
@@ -112,8 +113,8 @@ fn the_setup() -> &'static Setup {
 }
 
 fn dataset(files: &[PathBuf]) -> Result<Dataset, retina_files::InputError> {
-    let setup = the_setup();
-    Dataset::read(&Source { files, setup, calibration: None, response: None, baseline: Baseline::Physical })
+    let (tables, setup) = (&Measurements::read(files)?, the_setup());
+    Dataset::new(&Source { tables, setup, calibration: None, response: None, baseline: Baseline::Physical })
 }
 
 /// `setup.toml`, and what follows from its numbers.
@@ -139,7 +140,7 @@ pub fn scene(bytes: &[u8]) {
 pub fn calibration(bytes: &[u8]) {
     with_file("calibration.toml", bytes, |path| {
         let _ = Calibration::read(path, the_setup());
-        let _ = retina_response::screen_response(path, the_setup());
+        let _ = RadiometricCalibration::read(path, the_setup());
     });
 }
 
@@ -178,22 +179,14 @@ pub fn agf(bytes: &[u8]) {
     });
 }
 
-/// A table of points, as the calibration and as the diagnosis read it.
+/// A table of points.
 pub fn points(bytes: &[u8]) {
-    with_file("points.csv", bytes, |path| {
-        let files = [path.to_path_buf()];
-        let _ = retina_calibration::geometry::PointsTable::read(&files);
-        let _ = dataset(&files);
-    });
+    with_file("points.csv", bytes, |path| drop(dataset(&[path.to_path_buf()])));
 }
 
-/// A table of power readings, as the calibration and as the diagnosis read it.
+/// A table of power readings.
 pub fn power(bytes: &[u8]) {
-    with_file("power.csv", bytes, |path| {
-        let files = [path.to_path_buf()];
-        let _ = retina_response::PowerReadings::read(&files);
-        let _ = dataset(&files);
-    });
+    with_file("power.csv", bytes, |path| drop(dataset(&[path.to_path_buf()])));
 }
 
 /// A table of whole-body magnitudes over phase.
@@ -204,7 +197,7 @@ pub fn phase(bytes: &[u8]) {
 /// A table of frames, whose images are not there.
 pub fn frames(bytes: &[u8]) {
     with_file("frames.csv", bytes, |path| {
-        let _ = retina_frames::is_frames_table(path);
+        let _ = TableKind::of_file(path);
         let files = [path.to_path_buf()];
         let source = retina_frames::FramesSource {
             files: &files,

@@ -5,9 +5,9 @@ use std::path::Path;
 use glam::DVec2;
 use image::ImageFormat;
 use retina_files::{InputError, write_atomic};
-use retina_geometry::{Calibration, Setup, WarpDirection, WarpMap};
+use retina_formats::Calibration;
+use retina_geometry::{Setup, WarpDirection, WarpMap};
 use retina_radiometry::ScreenResponse;
-use retina_response::screen_response;
 
 use crate::linear_image::IntegerImage;
 use crate::{BatchError, Canvas, Channels, Resampler, read_exr, write_exr};
@@ -65,12 +65,7 @@ pub fn warp_file(
     let image = IntegerImage::read(from)?;
     check_size(from, [image.width_px, image.height_px], &map, direction)?;
     let (out, clipped) = match direction {
-        WarpDirection::Upstream => {
-            let response = screen_response(&calibration.file, setup)?.unwrap_or_else(|| {
-                ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude())
-            });
-            upstream(&image, &resampler, &response)
-        }
+        WarpDirection::Upstream => upstream(&image, &resampler, &calibration.screen_response(setup)),
         WarpDirection::Downstream => downstream(&image, &resampler),
     };
     let schema = match direction {

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use retina_benchmark::campaign_table;
 use retina_diagnosis::{Baseline, Dataset, DiagnoseOptions, Source, diagnose};
+use retina_formats::Measurements;
 use retina_geometry::Setup;
 
 fn main() {
@@ -18,15 +19,16 @@ fn main() {
         for effect in [None, Some("flux_coma")] {
             let path = folder.join("table.csv");
             std::fs::write(&path, campaign_table(rows, rows / 50, effect, 1)).unwrap();
+            let start = Instant::now();
+            let tables = Measurements::read(std::slice::from_ref(&path)).unwrap();
             let source = Source {
-                files: std::slice::from_ref(&path),
+                tables: &tables,
                 setup: &setup,
                 calibration: None,
                 response: None,
                 baseline: Baseline::Physical,
             };
-            let start = Instant::now();
-            let data = Dataset::read(&source).unwrap();
+            let data = Dataset::new(&source).unwrap();
             let read_s = start.elapsed().as_secs_f64();
             let start = Instant::now();
             let found = diagnose(&data, &[], &DiagnoseOptions::default());

@@ -8,10 +8,10 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 use retina_diagnosis::{
-    AddedEffect, Baseline, Dataset, DiagnoseOptions, Diagnosis, Source, TableKind, diagnose, fit,
-    write_predictions,
+    AddedEffect, Baseline, Dataset, DiagnoseOptions, Diagnosis, Source, diagnose, fit, write_predictions,
 };
 use retina_files::InputError;
+use retina_formats::{Measurements, TableKind};
 use retina_geometry::Setup;
 use serde::{Deserialize, Serialize};
 
@@ -115,7 +115,9 @@ fn line(set: &Finished) -> Result<String, InputError> {
 }
 
 fn read(setup: &Setup, files: &[PathBuf]) -> Result<Dataset, InputError> {
-    Dataset::read(&Source { files, setup, calibration: None, response: None, baseline: Baseline::Physical })
+    let tables = Measurements::read(files)?;
+    let baseline = Baseline::Physical;
+    Dataset::new(&Source { tables: &tables, setup, calibration: None, response: None, baseline })
 }
 
 fn one(folder: &Path, setup: &Setup, set: usize) -> Result<Finished, InputError> {

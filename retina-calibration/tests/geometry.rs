@@ -6,10 +6,9 @@ mod common;
 
 use common::{ARCSEC, Facility, LIKELY, l_of, wide};
 use glam::DVec2;
-use retina_calibration::geometry::{
-    CalibrateOptions, ModelForm, PointsTable, calibrate, to_json, write_calibration,
-};
-use retina_geometry::{Calibration, Setup};
+use retina_calibration::geometry::{CalibrateOptions, ModelForm, calibrate, to_json, write_calibration};
+use retina_formats::{Calibration, PointsTable};
+use retina_geometry::Setup;
 use retina_radiometry::ScreenResponse;
 
 /// Worst distance over the camera's field between what D^-1 says and the screen's true line of sight, arcsec.

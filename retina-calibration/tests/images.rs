@@ -97,10 +97,11 @@ fn a_campaign_of_images_calibrates_the_facility() {
     list("000.png,000.png,0.1,20.5,a\nagain.png,000,0.1,21.0,a\n");
     let (listed, _) = points_from_images(&images, folder.path(), &setup, &DetectOptions::default()).unwrap();
     assert_eq!(listed.images.len(), 2);
-    assert_eq!(listed.extra_columns, ["temperature_c", "series"]);
+    assert_eq!(listed.rows[0].temperature_c, Some(20.5));
+    assert_eq!(listed.rows[0].series.as_deref(), Some("a"));
     let path = folder.path().join("points.csv");
-    listed.write(&path).unwrap();
-    let read = retina_calibration::geometry::PointsTable::read(&[path]).unwrap();
+    listed.write(&path, &setup).unwrap();
+    let read = retina_formats::PointsTable::read(&[path]).unwrap();
     assert_eq!(read.rows.len(), listed.rows.len());
     assert!((read.rows[7].camera_px - listed.rows[7].camera_px).length() < 1e-5);
     // Another pattern's images are refused as a whole.

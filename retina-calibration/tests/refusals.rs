@@ -8,8 +8,9 @@ use std::path::PathBuf;
 
 use common::{LIKELY, wide};
 use glam::DVec2;
-use retina_calibration::geometry::{CalibrateOptions, PointsTable, calibrate, write_calibration};
-use retina_geometry::{Calibration, Intrinsics};
+use retina_calibration::geometry::{CalibrateOptions, calibrate, write_calibration};
+use retina_formats::{Calibration, PointsTable};
+use retina_geometry::Intrinsics;
 
 fn refusal(change: impl Fn(&mut PointsTable)) -> String {
     let mut table = LIKELY.table(&wide(), 6, 60, 3);

@@ -3,25 +3,13 @@
 use std::path::Path;
 
 use retina_files::{InputError, nearest};
-
-/// The table in which an effect shows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Table {
-    /// points.csv.
-    Points,
-    /// power.csv.
-    Power,
-    /// frames.csv.
-    Frames,
-}
+use retina_formats::{EffectId, FramesEffect, PointsEffect, PowerEffect};
 
 /// An effect that the bench knows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EffectKind {
-    /// Its id, as in the catalogue of effects.
-    pub id: &'static str,
-    /// The table in which it shows; those of points show in frames as well.
-    pub table: Table,
+    /// Its id. Effects on points show in frames as well.
+    pub id: EffectId,
     /// Units and what one of each is in the effect's own; the first is taken where none is written.
     pub units: &'static [(&'static str, f64)],
     /// Most values.
@@ -38,68 +26,128 @@ const SHARE: &[(&str, f64)] = &[("", 1.0), ("%", 0.01)];
 const PLAIN: &[(&str, f64)] = &[("", 1.0)];
 const PX: &[(&str, f64)] = &[("px", 1.0)];
 
-macro_rules! kinds {
-    ($($id:literal $table:ident $units:expr, $values:literal, $meaning:literal;)*) => {
-        &[$(EffectKind { id: $id, table: Table::$table, units: $units, values: $values, meaning: $meaning }),*]
-    };
+type Units = &'static [(&'static str, f64)];
+
+/// How an effect's size is written.
+struct Form {
+    units: Units,
+    values: usize,
+    meaning: &'static str,
 }
 
-const KINDS: &[EffectKind] = kinds! {
-    "screen_tilt" Points ANGLE, 2, "the display's tilt: its +x side, its +y side, away from the lenses";
-    "camera_pointing" Points ANGLE, 2, "the camera's boresight beside the axis, towards +x, +y";
-    "decentering" Points ARCSEC, 2, "p1, p2 of the objective, as their shift at half the camera's width";
-    "optical_centre" Points PX, 2, "the display's centre beside the axis, screen pixels";
-    "thin_prism" Points ARCSEC, 2, "a wedge in the collimated beam, as its shift at half the camera's width";
-    "radial_higher_order" Points ARCSEC, 1, "the objective's r^5 distortion at half the camera's width";
-    "screen_bow" Points PATH, 2, "sag a (x^2 - y^2) + b x y of the display at the edge that the camera sees";
-    "flux_coma" Points PATH, 1, "the objective's coma (path at the pupil's rim) at half the camera's width";
-    "flux_shift" Points PATH, 2, "the same all over the field: a lens out of line, along x, y";
-    "background_gradient" Points &[("e/s", 1.0)], 2, "stray light's rise from the centre to the +x, +y edge";
-    "lateral_colour" Points ARCSEC, 1, "the objective's, from 475 to 605 nm, at half the camera's width";
-    "colour_wedge" Points ARCSEC, 2, "a wedge's dispersion from 475 to 605 nm, along x, y";
-    "subpixel_offset" Points PX, 1, "pitch of the sub-pixels, screen pixels (a third by itself)";
-    "thermal_boresight" Points &[("arcsec/K", DEG / 3600.0)], 2, "the mount's turn, along x, y";
-    "thermal_focal" Points &[("ppm/K", 1e-6)], 1, "the objective's focal length";
-    "drift" Points &[("arcsec/h", DEG / 3600.0)], 2, "the camera's boresight in time, along x, y";
-    "roll_drift" Points &[("arcsec/h", DEG / 3600.0)], 1, "the camera's roll, as its shift at half its width";
-    "knock" Points ARCSEC, 2, "a step of the boresight half way through the campaign, along x, y";
-    "camera_pixel_phase" Points SHARE, 1, "sensitive part of the camera's pixel along each axis";
-    "row_loading_shift" Points PX, 1, "shift along x of a pixel whose row is all lit, screen pixels";
-    "gamma" Power PLAIN, 1, "exponent of the display's response, the whole (`diagnose` tells what it is beside the setup's)";
-    "black_level" Power SHARE, 1, "light at count 0 over light at 255";
-    "square_loading" Power SHARE, 1, "loss of light where the whole screen is lit";
-    "pixel_crosstalk" Power SHARE, 1, "light that a lit neighbour lends, of a pixel's own";
-    "self_heating" Power &[("%", 0.01), ("", 1.0)], 1, "rise of the light until the display is warm (20 min)";
-    "ageing" Power &[("%", 0.01), ("", 1.0)], 1, "loss of light for 1000 hours of full white";
-    "meter_zero" Power &[("nW", 1e-9), ("pW", 1e-12), ("W", 1.0)], 1, "the meter's reading in the dark";
-    "meter_wavelength" Power SHARE, 3, "error of the meter's responsivity: red, green, blue";
-    "meter_nonlinearity" Power SHARE, 1, "excess of the meter's reading at the brightest reading";
-    "channel_nonadditivity" Power SHARE, 1, "loss of white against red + green + blue";
-    "attenuator_not_changed" Power PLAIN, 1, "factor on the readings of one series";
-    "defocus" Frames &[("mm", 1.0), ("um", 1e-3)], 1, "the display behind its place";
-    "veiling_glare" Frames SHARE, 1, "light spread over the whole image";
-    "ghost" Frames SHARE, 1, "reflectance of a coated surface";
-    "vignetting" Frames SHARE, 1, "clear part of each lens's semi-diameter";
-    "dark_offset" Frames &[("DN", 1.0)], 1, "digital number of no light above the setup's";
-    "detector_nonlinearity" Frames SHARE, 1, "excess of the signal at full well";
-    "saturation" Frames &[("e", 1.0)], 1, "full well, electrons";
-    "prnu" Frames SHARE, 1, "scatter of the camera pixels' response";
-    "mura" Frames SHARE, 1, "scatter of the screen pixels' light";
-    "image_shift" Frames PX, 2, "shift of the camera image, camera pixels";
-    "roll" Frames ANGLE, 1, "turn of the camera";
-    "scale" Frames SHARE, 1, "relative change of the camera's focal length";
-};
+fn points(effect: PointsEffect) -> Option<Form> {
+    use PointsEffect as E;
+    let (units, values, meaning): (Units, usize, &str) = match effect {
+        E::ScreenTilt => (ANGLE, 2, "the display's tilt: its +x side, its +y side, away from the lenses"),
+        E::CameraPointing => (ANGLE, 2, "the camera's boresight beside the axis, towards +x, +y"),
+        E::Decentering => (ARCSEC, 2, "p1, p2 of the objective, as their shift at half the camera's width"),
+        E::OpticalCentre => (PX, 2, "the display's centre beside the axis, screen pixels"),
+        E::ThinPrism => {
+            (ARCSEC, 2, "a wedge in the collimated beam, as its shift at half the camera's width")
+        }
+        E::RadialHigherOrder => (ARCSEC, 1, "the objective's r^5 distortion at half the camera's width"),
+        E::ScreenBow => {
+            (PATH, 2, "sag a (x^2 - y^2) + b x y of the display at the edge that the camera sees")
+        }
+        E::FluxComa => (PATH, 1, "the objective's coma (path at the pupil's rim) at half the camera's width"),
+        E::FluxShift => (PATH, 2, "the same all over the field: a lens out of line, along x, y"),
+        E::BackgroundGradient => {
+            (&[("e/s", 1.0)], 2, "stray light's rise from the centre to the +x, +y edge")
+        }
+        E::LateralColour => (ARCSEC, 1, "the objective's, from 475 to 605 nm, at half the camera's width"),
+        E::ColourWedge => (ARCSEC, 2, "a wedge's dispersion from 475 to 605 nm, along x, y"),
+        E::SubpixelOffset => (PX, 1, "pitch of the sub-pixels, screen pixels (a third by itself)"),
+        E::ThermalBoresight => (&[("arcsec/K", DEG / 3600.0)], 2, "the mount's turn, along x, y"),
+        E::ThermalFocal => (&[("ppm/K", 1e-6)], 1, "the objective's focal length"),
+        E::Drift => (&[("arcsec/h", DEG / 3600.0)], 2, "the camera's boresight in time, along x, y"),
+        E::RollDrift => {
+            (&[("arcsec/h", DEG / 3600.0)], 1, "the camera's roll, as its shift at half its width")
+        }
+        E::Knock => (ARCSEC, 2, "a step of the boresight half way through the campaign, along x, y"),
+        E::CameraPixelPhase => (SHARE, 1, "sensitive part of the camera's pixel along each axis"),
+        E::RowLoadingShift => (PX, 1, "shift along x of a pixel whose row is all lit, screen pixels"),
+        // The split of a point over pixels is always there.
+        E::ScreenPixelPhase => return None,
+    };
+    Some(Form { units, values, meaning })
+}
+
+fn power(effect: PowerEffect) -> Option<Form> {
+    use PowerEffect as E;
+    let (units, values, meaning): (Units, usize, &str) = match effect {
+        E::Gamma => (
+            PLAIN,
+            1,
+            "exponent of the display's response, the whole (`diagnose` tells what it is beside the setup's)",
+        ),
+        E::BlackLevel => (SHARE, 1, "light at count 0 over light at 255"),
+        E::SquareLoading => (SHARE, 1, "loss of light where the whole screen is lit"),
+        E::PixelCrosstalk => (SHARE, 1, "light that a lit neighbour lends, of a pixel's own"),
+        E::SelfHeating => {
+            (&[("%", 0.01), ("", 1.0)], 1, "rise of the light until the display is warm (20 min)")
+        }
+        E::Ageing => (&[("%", 0.01), ("", 1.0)], 1, "loss of light for 1000 hours of full white"),
+        E::MeterZero => (&[("nW", 1e-9), ("pW", 1e-12), ("W", 1.0)], 1, "the meter's reading in the dark"),
+        E::MeterWavelength => (SHARE, 3, "error of the meter's responsivity: red, green, blue"),
+        E::MeterNonlinearity => (SHARE, 1, "excess of the meter's reading at the brightest reading"),
+        E::ChannelNonadditivity => (SHARE, 1, "loss of white against red + green + blue"),
+        E::AttenuatorNotChanged => (PLAIN, 1, "factor on the readings of one series"),
+    };
+    Some(Form { units, values, meaning })
+}
+
+fn frames(effect: FramesEffect) -> Option<Form> {
+    use FramesEffect as E;
+    let (units, values, meaning): (Units, usize, &str) = match effect {
+        E::Defocus => (&[("mm", 1.0), ("um", 1e-3)], 1, "the display behind its place"),
+        E::VeilingGlare => (SHARE, 1, "light spread over the whole image"),
+        E::Ghost => (SHARE, 1, "reflectance of a coated surface"),
+        E::Vignetting => (SHARE, 1, "clear part of each lens's semi-diameter"),
+        E::DarkOffset => (&[("DN", 1.0)], 1, "digital number of no light above the setup's"),
+        E::DetectorNonlinearity => (SHARE, 1, "excess of the signal at full well"),
+        E::Saturation => (&[("e", 1.0)], 1, "full well, electrons"),
+        E::Prnu => (SHARE, 1, "scatter of the camera pixels' response"),
+        E::Mura => (SHARE, 1, "scatter of the screen pixels' light"),
+        E::ImageShift => (PX, 2, "shift of the camera image, camera pixels"),
+        E::Roll => (ANGLE, 1, "turn of the camera"),
+        E::Scale => (SHARE, 1, "relative change of the camera's focal length"),
+        // The scene's, or the traced lenses' own.
+        E::PhotometricFunction
+        | E::AlbedoMap
+        | E::Relief
+        | E::TerrainShadow
+        | E::FieldCurvature
+        | E::Coma
+        | E::Astigmatism
+        | E::SourceSize => return None,
+    };
+    Some(Form { units, values, meaning })
+}
+
+impl EffectKind {
+    /// What the bench makes of an effect; `None` where it has no part that could.
+    pub fn of(id: EffectId) -> Option<Self> {
+        let form = match id {
+            EffectId::Points(effect) => points(effect),
+            EffectId::Power(effect) => power(effect),
+            // A body's photometry is the scene's.
+            EffectId::Phase(_) => None,
+            EffectId::Frames(effect) => frames(effect),
+        }?;
+        Some(Self { id, units: form.units, values: form.values, meaning: form.meaning })
+    }
+}
 
 /// All effects that the bench knows.
-pub fn known_effects() -> &'static [EffectKind] {
-    KINDS
+pub fn known_effects() -> impl Iterator<Item = EffectKind> {
+    EffectId::all().filter_map(EffectKind::of)
 }
 
 /// An effect and its size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Effect {
     /// What it is.
-    pub kind: &'static EffectKind,
+    pub kind: EffectKind,
     /// Its values in radians, mm, pixels, shares ...; at least one, missing ones are 0.
     pub values: Vec<f64>,
     /// As it was written.
@@ -117,9 +165,9 @@ impl Effect {
         let (id, values) = text.split_once('=').ok_or_else(|| {
             error("an effect needs a size").expected("ID=VALUE, for example screen_tilt=0.1deg")
         })?;
-        let Some(kind) = KINDS.iter().find(|kind| kind.id == id) else {
+        let Some(kind) = known_effects().find(|kind| kind.id.name() == id) else {
             let error = error("there is no such effect in the bench");
-            let ids = || KINDS.iter().map(|kind| kind.id);
+            let ids = || known_effects().map(|kind| kind.id.name());
             return Err(match nearest(id, ids()) {
                 Some(near) => error.help(format!("did you mean `{near}`?")),
                 None => error.expected(ids().collect::<Vec<_>>().join(", ")),
@@ -197,13 +245,6 @@ mod tests {
             let error = Effect::parse(text).unwrap_err().to_string();
             let full = format!("{:?}", Effect::parse(text).unwrap_err());
             assert!(error.contains(says) || full.contains(says), "{text}: {full}");
-        }
-    }
-
-    #[test]
-    fn ids_are_given_once() {
-        for (i, kind) in KINDS.iter().enumerate() {
-            assert!(KINDS[..i].iter().all(|other| other.id != kind.id), "{}", kind.id);
         }
     }
 }

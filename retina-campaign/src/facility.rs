@@ -8,9 +8,10 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use retina_bench::{Bench, BenchError, BenchOptions, Display, ExposurePose, Imperfections, OpticsDetail};
 use retina_files::InputError;
+use retina_formats::{EffectId, FramesEffect, PointsEffect, PowerEffect, TableKind};
 use retina_geometry::Setup;
 
-use crate::effects::{Effect, Table};
+use crate::effects::Effect;
 
 /// How the bench's temperature runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -88,6 +89,33 @@ impl Dynamics {
     }
 }
 
+/// What is wrong with the display's light and with the meter that reads it. All 0 or absent by default.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LightErrors {
+    /// Exponent of the display's response; the setup's where absent.
+    pub gamma: Option<f64>,
+    /// Light at count 0 over light at 255; the setup's where absent.
+    pub black_level: Option<f64>,
+    /// Share of the light that is lost where the whole screen is lit.
+    pub square_loading: f64,
+    /// Light that a lit neighbour lends, of a pixel's own.
+    pub pixel_crosstalk: f64,
+    /// Rise of the light until the display is warm (time constant 20 min).
+    pub self_heating: f64,
+    /// Loss of light in 1000 hours of full white.
+    pub ageing_per_1000_h: f64,
+    /// The meter's reading in the dark, W.
+    pub meter_zero_w: f64,
+    /// Error of the meter's responsivity at red, green, blue.
+    pub meter_by_channel: [f64; 3],
+    /// Excess of the meter's reading at the brightest reading.
+    pub meter_nonlinearity: f64,
+    /// Loss of white against red + green + blue.
+    pub channel_nonadditivity: f64,
+    /// Factor on the readings of the last series, whose attenuator was not changed.
+    pub attenuator_of_last_series: Option<f64>,
+}
+
 /// A setup with effects.
 #[derive(Debug, Clone)]
 pub struct Facility {
@@ -97,6 +125,8 @@ pub struct Facility {
     pub wrong: Imperfections,
     /// What changes in time.
     pub dynamics: Dynamics,
+    /// What is wrong with the display's light and the power meter.
+    pub light: LightErrors,
     /// The display.
     pub display: Display,
     /// Seed of patterns and noise.
@@ -113,7 +143,7 @@ impl Facility {
     pub fn new(
         setup: &Setup,
         effects: &[Effect],
-        table: Table,
+        table: TableKind,
         length_s: f64,
         seed: u64,
     ) -> Result<Self, InputError> {
@@ -125,23 +155,21 @@ impl Facility {
                 knock_at_s: length_s / 2.0,
                 ..Dynamics::default()
             },
+            light: LightErrors::default(),
             display: Display::new(setup, seed),
             seed,
             effects: effects.to_vec(),
         };
         for effect in effects {
-            let shows = match table {
-                Table::Power => effect.kind.table == Table::Power,
-                Table::Points => effect.kind.table == Table::Points,
-                Table::Frames => effect.kind.table != Table::Power,
-            };
+            let of = effect.kind.id.table();
+            let shows = of == table || (table == TableKind::Frames && of == TableKind::Points);
             if !shows {
                 return Err(InputError::new(
                     Path::new("--effect"),
                     "the effect does not show in this campaign",
                 )
                 .found(format!("`{}`", effect.text))
-                .help(format!("it shows in {:?} campaigns", effect.kind.table).to_lowercase()));
+                .help(format!("it shows in campaigns of {}", of.name())));
             }
             facility.apply(effect);
         }
@@ -149,55 +177,101 @@ impl Facility {
     }
 
     fn apply(&mut self, effect: &Effect) {
+        match effect.kind.id {
+            EffectId::Points(id) => self.apply_to_points(id, effect.value(), effect.pair()),
+            EffectId::Power(id) => self.apply_to_power(id, effect),
+            EffectId::Frames(id) => self.apply_to_frames(id, effect.value(), effect.pair()),
+            // `EffectKind::of` has none for them.
+            EffectId::Phase(_) => {}
+        }
+    }
+
+    fn apply_to_points(&mut self, effect: PointsEffect, value: f64, pair: [f64; 2]) {
+        use PointsEffect as E;
         // tan at half the camera's width: u = 1 of the catalogue.
         let camera = &self.setup.camera;
         let u = f64::from(camera.width_px) * camera.pixel_um * 1e-3 / 2.0 / camera.focal_mm;
-        let (value, pair) = (effect.value(), effect.pair());
         let (wrong, dynamics) = (&mut self.wrong, &mut self.dynamics);
-        match effect.kind.id {
-            "screen_tilt" => wrong.screen.tilt_rad = pair,
-            "camera_pointing" => wrong.pointing_rad = pair,
+        match effect {
+            E::ScreenTilt => wrong.screen.tilt_rad = pair,
+            E::CameraPointing => wrong.pointing_rad = pair,
             // (p1 3 u^2, p2 u^2) at (u, 0).
-            "decentering" => wrong.objective.decentring = [pair[0] / (3.0 * u * u), pair[1] / (u * u)],
-            "optical_centre" => {
+            E::Decentering => wrong.objective.decentring = [pair[0] / (3.0 * u * u), pair[1] / (u * u)],
+            E::OpticalCentre => {
                 wrong.screen.shift_mm = [0, 1].map(|k| pair[k] * self.display.pitch_mm[k]);
             }
-            "thin_prism" => wrong.objective.prism = pair.map(|v| v / (u * u)),
-            "radial_higher_order" => wrong.objective.radial_r4 = value / u.powi(5),
-            "screen_bow" => {
+            E::ThinPrism => wrong.objective.prism = pair.map(|v| v / (u * u)),
+            E::RadialHigherOrder => wrong.objective.radial_r4 = value / u.powi(5),
+            E::ScreenBow => {
                 let edge = self.setup.screen.height_mm / 2.0 * f64::from(camera.width_px)
                     / f64::from(camera.height_px);
                 wrong.screen.bow_per_mm = pair.map(|v| v / (edge * edge));
             }
-            "flux_coma" => wrong.objective.coma_mm = value / u,
-            "flux_shift" => wrong.objective.coma_offset_mm = pair,
-            "background_gradient" => {
+            E::FluxComa => wrong.objective.coma_mm = value / u,
+            E::FluxShift => wrong.objective.coma_offset_mm = pair,
+            E::BackgroundGradient => {
                 wrong.stray_e_s = [pair[0].abs() + pair[1].abs(), pair[0], pair[1]];
             }
-            "lateral_colour" => wrong.objective.lateral_colour = value / u,
-            "colour_wedge" => wrong.objective.wedge_rad = pair,
-            "subpixel_offset" => self.display.stripe_px = [-value, 0.0, value],
-            "thermal_boresight" => dynamics.boresight_per_k = pair,
-            "thermal_focal" => dynamics.focal_per_k = value,
-            "drift" => dynamics.drift_per_s = pair.map(|v| v / 3600.0),
-            "roll_drift" => dynamics.roll_per_s = value / u / 3600.0,
-            "knock" => dynamics.knock = pair,
-            "camera_pixel_phase" => wrong.pixel_fill = value,
-            "row_loading_shift" => self.display.row_loading_px = value,
-            "defocus" => wrong.screen.focus_mm = value,
-            "veiling_glare" => self.setup.optics.veiling_glare = value,
-            "ghost" => self.setup.optics.coating_reflectance = value,
-            "dark_offset" => self.setup.noise.offset_dn += value,
-            "detector_nonlinearity" => wrong.nonlinearity = value,
-            "saturation" => self.setup.noise.full_well_e = value,
-            "prnu" => self.setup.noise.prnu = value,
-            "mura" => self.display.mura = value,
-            "image_shift" => dynamics.shift_px = pair,
-            "roll" => wrong.camera_roll_rad = value,
-            "scale" => dynamics.scale = value,
-            "vignetting" => wrong.clear_fraction = value,
-            // Effects of power readings act in `simulate_power`.
-            _ => {}
+            E::LateralColour => wrong.objective.lateral_colour = value / u,
+            E::ColourWedge => wrong.objective.wedge_rad = pair,
+            E::SubpixelOffset => self.display.stripe_px = [-value, 0.0, value],
+            E::ThermalBoresight => dynamics.boresight_per_k = pair,
+            E::ThermalFocal => dynamics.focal_per_k = value,
+            E::Drift => dynamics.drift_per_s = pair.map(|v| v / 3600.0),
+            E::RollDrift => dynamics.roll_per_s = value / u / 3600.0,
+            E::Knock => dynamics.knock = pair,
+            E::CameraPixelPhase => wrong.pixel_fill = value,
+            E::RowLoadingShift => self.display.row_loading_px = value,
+            // `EffectKind::of` has none for it.
+            E::ScreenPixelPhase => {}
+        }
+    }
+
+    fn apply_to_frames(&mut self, effect: FramesEffect, value: f64, pair: [f64; 2]) {
+        use FramesEffect as E;
+        let (wrong, dynamics) = (&mut self.wrong, &mut self.dynamics);
+        match effect {
+            E::Defocus => wrong.screen.focus_mm = value,
+            E::VeilingGlare => self.setup.optics.veiling_glare = value,
+            E::Ghost => self.setup.optics.coating_reflectance = value,
+            E::Vignetting => wrong.clear_fraction = value,
+            E::DarkOffset => self.setup.noise.offset_dn += value,
+            E::DetectorNonlinearity => wrong.nonlinearity = value,
+            E::Saturation => self.setup.noise.full_well_e = value,
+            E::Prnu => self.setup.noise.prnu = value,
+            E::Mura => self.display.mura = value,
+            E::ImageShift => dynamics.shift_px = pair,
+            E::Roll => wrong.camera_roll_rad = value,
+            E::Scale => dynamics.scale = value,
+            // `EffectKind::of` has none for them.
+            E::PhotometricFunction
+            | E::AlbedoMap
+            | E::Relief
+            | E::TerrainShadow
+            | E::FieldCurvature
+            | E::Coma
+            | E::Astigmatism
+            | E::SourceSize => {}
+        }
+    }
+
+    fn apply_to_power(&mut self, effect: PowerEffect, given: &Effect) {
+        use PowerEffect as E;
+        let (value, light) = (given.value(), &mut self.light);
+        match effect {
+            E::Gamma => light.gamma = Some(value),
+            E::BlackLevel => light.black_level = Some(value),
+            E::SquareLoading => light.square_loading = value,
+            E::PixelCrosstalk => light.pixel_crosstalk = value,
+            E::SelfHeating => light.self_heating = value,
+            E::Ageing => light.ageing_per_1000_h = value,
+            E::MeterZero => light.meter_zero_w = value,
+            E::MeterWavelength => {
+                light.meter_by_channel = [0, 1, 2].map(|c| given.values.get(c).copied().unwrap_or(0.0));
+            }
+            E::MeterNonlinearity => light.meter_nonlinearity = value,
+            E::ChannelNonadditivity => light.channel_nonadditivity = value,
+            E::AttenuatorNotChanged => light.attenuator_of_last_series = Some(value),
         }
     }
 
@@ -208,10 +282,5 @@ impl Facility {
     pub fn bench(&self, detail: OpticsDetail) -> Result<Bench, BenchError> {
         let options = BenchOptions { wrong: self.wrong, seed: self.seed, detail };
         Bench::with_display(&self.setup, self.display.clone(), &options)
-    }
-
-    /// The first value of an effect, if it is on.
-    pub fn effect(&self, id: &str) -> Option<&Effect> {
-        self.effects.iter().find(|effect| effect.kind.id == id)
     }
 }

@@ -15,11 +15,11 @@ mod sky;
 mod sky_page;
 mod stars;
 
-pub use effects::{Effect, EffectKind, Table, known_effects};
+pub use effects::{Effect, EffectKind, known_effects};
 pub use facility::{Dynamics, Facility, TemperatureProfile};
 pub use frames::{FramesOptions, FramesResult, simulate_frames};
 pub use points::{PointsOptions, PointsResult, camera_image, saturation_dn, simulate_points};
-pub use power::{PowerOptions, PowerReading, simulate_power};
+pub use power::{PowerOptions, simulate_power};
 pub use sky::{Comparison, SkyObject, SkyOptions, SkyResult, Spot, compare_with_sky};
 pub use sky_page::sky_page;
 pub use stars::{StarRow, StarsOptions, StarsResult, simulate_stars};

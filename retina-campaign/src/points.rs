@@ -4,8 +4,9 @@ use std::path::Path;
 
 use glam::DVec2;
 use retina_bench::{Bench, BenchError, CameraFrame, Exposure, OpticsDetail, ScreenImage};
-use retina_calibration::geometry::{Channel, Pattern, PatternOptions, PatternScreen, PointRow, PointsTable};
+use retina_calibration::geometry::{Pattern, PatternOptions, PatternScreen};
 use retina_files::InputError;
+use retina_formats::{Channel, PointRow, PointsTable};
 use retina_image::{CameraImage, Centroid, DetectOptions, LightPoint, detect_points};
 
 use crate::{Facility, TemperatureProfile};
@@ -98,14 +99,7 @@ pub fn simulate_points(
         make_folder(&folder.join("images"))?;
     }
     let base_s = options.exposure_s.unwrap_or_else(|| well_exposed_s(&bench, &pattern));
-    let mut result = PointsResult {
-        table: PointsTable {
-            extra_columns: ["time_s", "temperature_c", "camera_roll_deg"].map(str::to_owned).to_vec(),
-            ..PointsTable::default()
-        },
-        shown: 0,
-        exposures_s: Vec::new(),
-    };
+    let mut result = PointsResult { table: PointsTable::default(), shown: 0, exposures_s: Vec::new() };
     let mut list = String::from("image,screen,exposure_s,time_s,temperature_c,camera_roll_deg\n");
     let roll_deg = facility.wrong.camera_roll_rad.to_degrees();
     for (index, screen) in pattern.screens.iter().enumerate() {
@@ -148,18 +142,21 @@ pub fn simulate_points(
             result.shown += 1;
             let Some(seen) = nearest_point(&found, expected) else { continue };
             result.table.rows.push(PointRow {
-                image: index,
-                screen_px: point.screen_px(),
-                digital_count: f64::from(point.digital_count),
                 channel: options.channel,
-                camera_px: DVec2::new(seen.x_px, seen.y_px),
                 sigma_px: Some(seen.sigma_px),
+                time_s: Some(time_s),
+                temperature_c: Some(temperature_c),
+                camera_roll_deg: Some(roll_deg),
                 exposure_s: Some(exposure.exposure_s),
                 flux_dn: Some(seen.flux_dn),
                 saturated: seen.saturated,
                 row_load: Some(pattern.row_load(index, point.row, setup.screen.width_px)),
-                extra: vec![time_s.to_string(), temperature_c.to_string(), roll_deg.to_string()],
-                line: 0,
+                ..PointRow::new(
+                    index,
+                    point.screen_px(),
+                    f64::from(point.digital_count),
+                    DVec2::new(seen.x_px, seen.y_px),
+                )
             });
         }
         result.table.images.push(name);
@@ -182,10 +179,7 @@ pub(crate) fn make_folder(path: &Path) -> Result<(), InputError> {
 /// The exposure of the faintest group at which the brightest point's peak fills 60 % of the full well,
 /// wherever on the sensor it is sharpest.
 fn well_exposed_s(bench: &Bench, pattern: &Pattern) -> f64 {
-    let lit = match pattern.channel {
-        Channel::W => 3.0,
-        _ => 1.0,
-    };
+    let lit = pattern.channel.lit().len() as f64;
     let brightest = pattern
         .screens
         .iter()
@@ -207,17 +201,7 @@ pub fn saturation_dn(bench: &Bench) -> f32 {
 fn screen_image(pattern: &Pattern, screen: &PatternScreen, width_px: u32, height_px: u32) -> ScreenImage {
     let mut image = ScreenImage::dark(width_px, height_px);
     for point in &screen.points {
-        let b = point.digital_count;
-        image.set(
-            point.column,
-            point.row,
-            match pattern.channel {
-                Channel::W => [b; 3],
-                Channel::R => [b, 0, 0],
-                Channel::G => [0, b, 0],
-                Channel::B => [0, 0, b],
-            },
-        );
+        image.set(point.column, point.row, pattern.channel.counts(point.digital_count));
     }
     image
 }
@@ -234,18 +218,12 @@ pub fn camera_image(bench: &Bench, frame: CameraFrame) -> CameraImage {
 
 /// Where a pixel's light lands, its channels' mean; `None` beyond the sensor.
 fn expected_px(bench: &Bench, channel: Channel, screen_px: DVec2, exposure: &Exposure) -> Option<DVec2> {
-    let channels: &[usize] = match channel {
-        Channel::W => &[0, 1, 2],
-        Channel::R => &[0],
-        Channel::G => &[1],
-        Channel::B => &[2],
-    };
     let mut sum = DVec2::ZERO;
-    for &c in channels {
+    for c in channel.lit() {
         let stripe = bench.display().stripe_px[c];
         sum += DVec2::from_array(bench.land_px([screen_px.x + stripe, screen_px.y], c, exposure)?);
     }
-    let at = sum / channels.len() as f64;
+    let at = sum / channel.lit().len() as f64;
     let camera = &bench.camera().pinhole;
     let inside =
         at.x > 0.0 && at.y > 0.0 && at.x < f64::from(camera.width_px) && at.y < f64::from(camera.height_px);

@@ -1,11 +1,12 @@
 //! `power.csv` from the bench: squares of the screen in front of a power meter.
 
-use std::fmt::Write as _;
+use std::sync::Arc;
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use retina_bench::{Bench, BenchError, OpticsDetail};
+use retina_formats::{Channel, PowerRow, PowerTable};
 
 use crate::{Facility, TemperatureProfile};
 
@@ -49,109 +50,109 @@ impl Default for PowerOptions {
     }
 }
 
-/// A reading.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PowerReading {
-    /// `r`, `g`, `b` or `w`.
-    pub channel: char,
-    /// Digital count.
-    pub digital_count: u8,
-    /// Side of the lit square.
-    pub square_px: u32,
-    /// W m^-2 at the camera's pupil.
-    pub irradiance_w_m2: f64,
-    /// Its standard deviation.
-    pub sigma_w_m2: f64,
-    /// When, s.
-    pub time_s: f64,
-    /// Temperature, degC.
-    pub temperature_c: f64,
-    /// Which series.
-    pub series: usize,
-}
-
 /// The meter's readings of a campaign; all of each series in one order.
 ///
 /// # Errors
 /// The bench cannot be built.
-pub fn simulate_power(facility: &Facility, options: &PowerOptions) -> Result<Vec<PowerReading>, BenchError> {
+pub fn simulate_power(facility: &Facility, options: &PowerOptions) -> Result<PowerTable, BenchError> {
     let bench = facility.bench(OpticsDetail { nodes: [3, 3], lines: 3, half_px: 8 })?;
-    let of = |id: &str| facility.effect(id).map(|effect| effect.value());
-    let gamma = of("gamma").unwrap_or(facility.setup.response_gamma());
-    let black = of("black_level").unwrap_or(facility.setup.optics.black_level);
-    let level = |b: u8| (f64::from(b) / 255.0).powf(gamma) * (1.0 - black) + black;
-    let full = channel_irradiance_w_m2(&bench);
-    let meter_nm =
-        facility.effect("meter_wavelength").map(|effect| effect.values.clone()).unwrap_or_default();
     let screen_px = f64::from(facility.setup.screen.width_px) * f64::from(facility.setup.screen.height_px);
-    let brightest =
-        full.iter().sum::<f64>() * options.squares_px.iter().map(|n| f64::from(n * n)).fold(0.0, f64::max);
+    let full_w_m2 = channel_irradiance_w_m2(&bench);
+    let largest_px = options.squares_px.iter().map(|n| f64::from(n * n)).fold(0.0, f64::max);
+    let brightest_w_m2 = full_w_m2.iter().sum::<f64>() * largest_px;
+    let mut meter =
+        Meter { facility, options, bench: &bench, screen_px, full_w_m2, brightest_w_m2, dose_h: 0.0 };
     let mut random = ChaCha8Rng::seed_from_u64(facility.seed ^ 0x0070_6f77_6572);
-    let mut readings = Vec::new();
-    let mut dose_h = 0.0;
+    let mut rows: Vec<PowerRow> = Vec::new();
     for series in 0..options.series {
+        let name: Arc<str> = Arc::from(format!("s{series}"));
         for &square_px in &options.squares_px {
-            for channel in ['r', 'g', 'b', 'w'].into_iter().filter(|c| options.white || *c != 'w') {
+            for channel in Channel::ALL.into_iter().filter(|c| options.white || *c != Channel::W) {
                 // A dark reading is one, whatever the count.
                 let counts: &[u8] = if square_px == 0 { &[0] } else { &options.counts };
-                for &digital_count in counts {
-                    let time_s = readings.len() as f64 * options.interval_s;
-                    let lit = square_light(&bench, square_px);
-                    let mut light = 0.0;
-                    for (c, name) in ['r', 'g', 'b'].into_iter().enumerate() {
-                        let on = channel == name || channel == 'w';
-                        let drive = if on { level(digital_count) } else { black };
-                        // Black shines over the whole screen that the meter sees, the square above it.
-                        light += full[c]
-                            * ((drive - black) * lit + black * screen_px)
-                            * (1.0 + meter_nm.get(c).copied().unwrap_or(0.0));
-                    }
-                    let share = f64::from(square_px * square_px) / screen_px
-                        * if channel == 'w' { 1.0 } else { 1.0 / 3.0 };
-                    if let Some(loss) = of("square_loading") {
-                        light *= 1.0 - loss * share * level(digital_count);
-                    }
-                    if let (Some(lent), true) = (of("pixel_crosstalk"), square_px > 0) {
-                        // Pixels inside have four lit neighbours, those of the rim three, of the corners two.
-                        let n = f64::from(square_px);
-                        light *= 1.0 + lent * (n - 1.0) / n;
-                    }
-                    if let Some(rise) = of("self_heating") {
-                        light *= 1.0 + rise * (1.0 - (-time_s / 1200.0).exp());
-                    }
-                    if let Some(loss) = of("ageing") {
-                        light *= 1.0 - loss * dose_h / 1000.0;
-                        dose_h += options.interval_s / 3600.0 * level(digital_count);
-                    }
-                    if let (Some(loss), 'w') = (of("channel_nonadditivity"), channel) {
-                        light *= 1.0 - loss;
-                    }
-                    if let Some(excess) = of("meter_nonlinearity") {
-                        light *= 1.0 + excess * light / brightest;
-                    }
-                    if let (Some(factor), true) = (of("attenuator_not_changed"), series + 1 == options.series)
-                    {
-                        light *= factor;
-                    }
-                    light += of("meter_zero").unwrap_or(0.0) / options.meter_area_m2;
+                for &count in counts {
+                    let time_s = rows.len() as f64 * options.interval_s;
+                    let light = meter.reading_w_m2(channel, count, square_px, time_s, series);
                     let sigma =
                         (options.noise_w / options.meter_area_m2).hypot(options.repeatability * light.abs());
                     let noise: f64 = StandardNormal.sample(&mut random);
-                    readings.push(PowerReading {
+                    rows.push(PowerRow {
                         channel,
-                        digital_count,
-                        square_px,
+                        digital_count: f64::from(count),
+                        square_px: f64::from(square_px),
                         irradiance_w_m2: light + sigma * noise,
-                        sigma_w_m2: sigma,
-                        time_s,
-                        temperature_c: options.temperature.at_c(time_s),
-                        series,
+                        sigma_w_m2: Some(sigma),
+                        time_s: Some(time_s),
+                        temperature_c: Some(options.temperature.at_c(time_s)),
+                        series: Some(name.clone()),
+                        file: 0,
+                        line: 0,
                     });
                 }
             }
         }
     }
-    Ok(readings)
+    Ok(PowerTable { rows, ..PowerTable::default() })
+}
+
+/// The meter in front of the bench.
+struct Meter<'a> {
+    facility: &'a Facility,
+    options: &'a PowerOptions,
+    bench: &'a Bench,
+    screen_px: f64,
+    /// Of one pixel's red, green, blue at 255.
+    full_w_m2: [f64; 3],
+    /// The brightest reading of the campaign.
+    brightest_w_m2: f64,
+    /// What the display has shone so far, hours of full white.
+    dose_h: f64,
+}
+
+impl Meter<'_> {
+    /// What it shows, without noise.
+    fn reading_w_m2(
+        &mut self,
+        channel: Channel,
+        count: u8,
+        square_px: u32,
+        time_s: f64,
+        series: usize,
+    ) -> f64 {
+        let errors = &self.facility.light;
+        let gamma = errors.gamma.unwrap_or(self.facility.setup.response_gamma());
+        let black = errors.black_level.unwrap_or(self.facility.setup.optics.black_level);
+        let level = (f64::from(count) / 255.0).powf(gamma) * (1.0 - black) + black;
+        let lit_px = square_light(self.bench, square_px);
+        let mut light = 0.0;
+        for (c, full) in self.full_w_m2.into_iter().enumerate() {
+            let drive = if channel.lit().contains(&c) { level } else { black };
+            // Black shines over the whole screen that the meter sees, the square above it.
+            light += full
+                * ((drive - black) * lit_px + black * self.screen_px)
+                * (1.0 + errors.meter_by_channel[c]);
+        }
+        let share = f64::from(square_px * square_px) / self.screen_px * channel.lit().len() as f64 / 3.0;
+        light *= 1.0 - errors.square_loading * share * level;
+        if square_px > 0 {
+            // Pixels inside have four lit neighbours, those of the rim three, of the corners two.
+            let n = f64::from(square_px);
+            light *= 1.0 + errors.pixel_crosstalk * (n - 1.0) / n;
+        }
+        light *= 1.0 + errors.self_heating * (1.0 - (-time_s / 1200.0).exp());
+        light *= 1.0 - errors.ageing_per_1000_h * self.dose_h / 1000.0;
+        self.dose_h += self.options.interval_s / 3600.0 * level;
+        if channel == Channel::W {
+            light *= 1.0 - errors.channel_nonadditivity;
+        }
+        light *= 1.0 + errors.meter_nonlinearity * light / self.brightest_w_m2;
+        if let Some(factor) = errors.attenuator_of_last_series
+            && series + 1 == self.options.series
+        {
+            light *= factor;
+        }
+        light + errors.meter_zero_w / self.options.meter_area_m2
+    }
 }
 
 /// Irradiance at the pupil of one pixel's channel at 255 on the axis, W m^-2: a third of eq. 10's effective
@@ -183,29 +184,4 @@ fn square_light(bench: &Bench, square_px: u32) -> f64 {
     };
     let mean = (at(-1.0, -1.0) + at(1.0, -1.0) + at(-1.0, 1.0) + at(1.0, 1.0)) / 4.0;
     f64::from(square_px * square_px) * mean
-}
-
-impl PowerReading {
-    /// The readings as `power.csv`.
-    pub fn csv(readings: &[Self]) -> String {
-        let mut text = String::from(
-            "channel,digital_count,square_px,irradiance_w_m2,sigma_w_m2,time_s,temperature_c,series\n",
-        );
-        for r in readings {
-            // Writing to a string cannot fail.
-            let _ = writeln!(
-                text,
-                "{},{},{},{:e},{:e},{},{},s{}",
-                r.channel,
-                r.digital_count,
-                r.square_px,
-                r.irradiance_w_m2,
-                r.sigma_w_m2,
-                r.time_s,
-                r.temperature_c,
-                r.series
-            );
-        }
-        text
-    }
 }

@@ -4,10 +4,10 @@
 use glam::DVec2;
 use retina_bench::{Bench, BenchError, Exposure, OpticsDetail, ScreenImage};
 use retina_files::InputError;
-use retina_geometry::Calibration;
+use retina_formats::{Calibration, measured_or_power_law};
 use retina_image::CameraImage;
 use retina_optics::facility::{Kernel, KernelGrid, SpectralLine, airy_kernel};
-use retina_radiometry::{ScreenResponse, irradiance_of_magnitude_w_m2_nm, magnitude_of_irradiance};
+use retina_radiometry::{irradiance_of_magnitude_w_m2_nm, magnitude_of_irradiance};
 use retina_screen::PointPainter;
 
 use crate::Facility;
@@ -138,7 +138,8 @@ pub fn compare_with_sky(
     let camera = setup.camera_pinhole();
     let size = [camera.width_px as usize, camera.height_px as usize];
     let star = star_image(&bench, &flat_spectrum(&bench))?;
-    let response = ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude());
+    let response = calibration
+        .map_or_else(|| measured_or_power_law(None, setup), |calibration| calibration.screen_response(setup));
     let k_f = setup.facility_pinhole();
     let painter = PointPainter::new(k_f, calibration.map(|c| c.distortion.clone()), response)
         .with_inverse(calibration.and_then(|c| c.inverse.clone()));

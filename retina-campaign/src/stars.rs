@@ -7,9 +7,9 @@ use glam::DVec2;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use retina_bench::{BenchError, Exposure, OpticsDetail, ScreenImage};
-use retina_geometry::Calibration;
+use retina_formats::{Calibration, measured_or_power_law};
 use retina_image::{CameraImage, Centroid, DetectOptions, detect_points};
-use retina_radiometry::{ScreenResponse, irradiance_of_magnitude_w_m2_nm};
+use retina_radiometry::irradiance_of_magnitude_w_m2_nm;
 use retina_screen::PointPainter;
 
 use crate::points::{camera_image, saturation_dn};
@@ -103,7 +103,8 @@ pub fn simulate_stars(
     let bench = facility.bench(options.detail)?;
     let setup = &facility.setup;
     let k_f = setup.facility_pinhole();
-    let response = ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude());
+    let response = calibration
+        .map_or_else(|| measured_or_power_law(None, setup), |calibration| calibration.screen_response(setup));
     let painter = PointPainter::new(k_f, calibration.map(|c| c.distortion.clone()), response.clone())
         .with_inverse(calibration.and_then(|c| c.inverse.clone()));
     let camera = setup.camera_pinhole();

@@ -8,10 +8,11 @@ use std::path::Path;
 use retina_bench::{Exposure, OpticsDetail};
 use retina_calibration::geometry::{CalibrateOptions, calibrate, write_calibration};
 use retina_campaign::{
-    Effect, Facility, FramesOptions, PointsOptions, PowerOptions, SkyObject, SkyOptions, StarsOptions, Table,
+    Effect, Facility, FramesOptions, PointsOptions, PowerOptions, SkyObject, SkyOptions, StarsOptions,
     TemperatureProfile, compare_with_sky, simulate_frames, simulate_points, simulate_power, simulate_stars,
 };
-use retina_geometry::{Calibration, Setup};
+use retina_formats::{Calibration, Channel, PowerRow, TableKind};
+use retina_geometry::Setup;
 use retina_optics::{Clipping, Launcher, Tracer};
 
 fn setup(name: &str) -> Setup {
@@ -21,7 +22,7 @@ fn setup(name: &str) -> Setup {
 
 const QUICK: OpticsDetail = OpticsDetail { nodes: [7, 5], lines: 1, half_px: 24 };
 
-fn facility(setup: &Setup, effects: &[&str], table: Table, seed: u64) -> Facility {
+fn facility(setup: &Setup, effects: &[&str], table: TableKind, seed: u64) -> Facility {
     let effects: Vec<Effect> = effects.iter().map(|text| Effect::parse(text).unwrap()).collect();
     Facility::new(setup, &effects, table, 2400.0, seed).unwrap()
 }
@@ -37,20 +38,16 @@ fn stars_stand_where_they_were_commanded() {
         detail: QUICK,
         ..PointsOptions::default()
     };
-    let measured = simulate_points(&facility(&setup, &[], Table::Points, 1), &points, None, |_| ()).unwrap();
+    let measured =
+        simulate_points(&facility(&setup, &[], TableKind::Points, 1), &points, None, |_| ()).unwrap();
     assert!(measured.table.rows.len() as f64 > 0.95 * measured.shown as f64);
     let found = calibrate(&measured.table, &setup, &CalibrateOptions::default()).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("calibration.toml");
     write_calibration(&path, &found, &measured.table, &setup).unwrap();
-    // A response that is there already stays.
-    let text = std::fs::read_to_string(&path).unwrap();
-    std::fs::write(&path, format!("{text}\n[response]\nbandwidth_nm = 416.2\n")).unwrap();
-    write_calibration(&path, &found, &measured.table, &setup).unwrap();
-    assert!(std::fs::read_to_string(&path).unwrap().contains("bandwidth_nm = 416.2"));
     let calibration = Calibration::read(&path, &setup).unwrap();
     let stars = StarsOptions { exposures: 3, stars: 100, detail: QUICK, ..StarsOptions::default() };
-    let sky = facility(&setup, &[], Table::Points, 2);
+    let sky = facility(&setup, &[], TableKind::Points, 2);
     let with = simulate_stars(&sky, Some(&calibration), &stars, |_| ()).unwrap();
     let errors = with.errors_arcsec();
     assert!(errors.len() as f64 > 0.95 * with.shown as f64, "{} of {}", errors.len(), with.shown);
@@ -74,8 +71,8 @@ fn stars_stand_where_they_were_commanded() {
 #[test]
 fn a_tilted_screen_is_a_keystone() {
     let setup = setup("wide-fov.toml");
-    let straight = facility(&setup, &[], Table::Points, 1).bench(QUICK).unwrap();
-    let tilted = facility(&setup, &["screen_tilt=0.1deg"], Table::Points, 1).bench(QUICK).unwrap();
+    let straight = facility(&setup, &[], TableKind::Points, 1).bench(QUICK).unwrap();
+    let tilted = facility(&setup, &["screen_tilt=0.1deg"], TableKind::Points, 1).bench(QUICK).unwrap();
     let exposure = Exposure::new(1e-3, 0);
     let shift = |x: f64| {
         let at = |bench: &retina_bench::Bench| bench.land_px([x, 600.0], 1, &exposure).unwrap()[0];
@@ -102,7 +99,7 @@ fn a_tilted_screen_is_a_keystone() {
 fn drift_knock_and_breathing() {
     let setup = setup("wide-fov.toml");
     let effects = ["thermal_focal=20ppm/K", "drift=3arcsec/h", "knock=0,5arcsec", "roll_drift=3arcsec/h"];
-    let facility = facility(&setup, &effects, Table::Points, 1);
+    let facility = facility(&setup, &effects, TableKind::Points, 1);
     let mut dynamics = facility.dynamics;
     dynamics.jitter = 0.0;
     let focal_px = 25.0 / 3.45e-3;
@@ -122,25 +119,25 @@ fn drift_knock_and_breathing() {
 fn power_readings_are_what_the_screen_sends() {
     let setup = setup("wide-fov.toml");
     let options = PowerOptions { noise_w: 0.0, repeatability: 0.0, series: 1, ..PowerOptions::default() };
-    let at = |effects: &[&str], channel: char, count: u8, square: u32| {
-        let facility = facility(&setup, effects, Table::Power, 1);
+    let at = |effects: &[&str], channel: Channel, count: f64, square: f64| {
+        let facility = facility(&setup, effects, TableKind::Power, 1);
         let readings = simulate_power(&facility, &options).unwrap();
-        let of = |r: &&retina_campaign::PowerReading| {
-            r.channel == channel && r.square_px == square && (square == 0 || r.digital_count == count)
+        let of = |r: &&PowerRow| {
+            r.channel == channel && r.square_px == square && (square == 0.0 || r.digital_count == count)
         };
-        readings.iter().find(of).unwrap().irradiance_w_m2
+        readings.rows.iter().find(of).unwrap().irradiance_w_m2
     };
     // Eq. 7 at -1.44 times 417 nm (ours: 396), thirds over weights near 1: 5.7e-8 / 3 a pixel and channel.
-    let one = at(&[], 'g', 240, 100) / 1e4 / (240f64 / 255.0).powf(2.2);
+    let one = at(&[], Channel::G, 240.0, 100.0) / 1e4 / (240f64 / 255.0).powf(2.2);
     assert!((one / 1.9e-8 - 1.0).abs() < 0.1, "{one}");
-    assert!((at(&[], 'g', 240, 200) / at(&[], 'g', 240, 100) - 4.0).abs() < 0.04);
-    let white = at(&[], 'w', 128, 100);
-    let sum: f64 = ['r', 'g', 'b'].iter().map(|&c| at(&[], c, 128, 100)).sum();
+    assert!((at(&[], Channel::G, 240.0, 200.0) / at(&[], Channel::G, 240.0, 100.0) - 4.0).abs() < 0.04);
+    let white = at(&[], Channel::W, 128.0, 100.0);
+    let sum: f64 = Channel::COLOURS.map(|c| at(&[], c, 128.0, 100.0)).iter().sum();
     // Each single channel also sees the others' black, of 2.3 million pixels.
     assert!((white / sum - 1.0).abs() < 0.01, "{white} {sum}");
-    let zero = at(&["meter_zero=1nW"], 'g', 0, 0) - at(&[], 'g', 0, 0);
+    let zero = at(&["meter_zero=1nW"], Channel::G, 0.0, 0.0) - at(&[], Channel::G, 0.0, 0.0);
     assert!((zero * 7.088e-5 / 1e-9 - 1.0).abs() < 1e-3, "{zero}");
-    let ratio = at(&["gamma=2.0"], 'g', 64, 100) / at(&[], 'g', 64, 100);
+    let ratio = at(&["gamma=2.0"], Channel::G, 64.0, 100.0) / at(&[], Channel::G, 64.0, 100.0);
     assert!((ratio - (64f64 / 255.0).powf(-0.2)).abs() < 0.01, "{ratio}");
 }
 
@@ -169,8 +166,9 @@ fn photographs_of_one_run_stay_apart_from_anothers() {
         temperature: TemperatureProfile::Constant,
         detail: QUICK,
     };
-    let run =
-        |seed: u64| simulate_frames(&facility(&setup, &[], Table::Frames, seed), &options, &out, |_, _| ());
+    let run = |seed: u64| {
+        simulate_frames(&facility(&setup, &[], TableKind::Frames, seed), &options, &out, |_, _| ())
+    };
     run(1).unwrap();
     let second = out.join("images/000001.png");
     let bytes = std::fs::read(&second).unwrap();
@@ -191,7 +189,7 @@ fn objects_on_the_bench_are_brighter_and_wider_than_in_the_sky() {
         detail: QUICK,
         ..SkyOptions::default()
     };
-    let result = compare_with_sky(&facility(&setup, &[], Table::Frames, 1), None, &options).unwrap();
+    let result = compare_with_sky(&facility(&setup, &[], TableKind::Frames, 1), None, &options).unwrap();
     for c in &result.comparisons {
         let mag = |spot: &retina_campaign::Spot| -2.5 * (spot.electrons / c.space.electrons).log10();
         // 0.25 mag an air mass, 2.5 of them; eq. 10 beside a flat spectrum, counts, what falls beyond the cut-out.

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, hash_file};
-use retina_geometry::{Calibration, Setup};
+use retina_formats::Calibration;
+use retina_geometry::Setup;
 use retina_radiometry::ScreenResponse;
 use retina_render::Quality;
-use retina_response::screen_response;
 use retina_scene::{Compensation, Display, Output, RadianceScale, Scene, SceneInput, SceneParts};
 use retina_sky::Trajectory;
 use retina_sky::ephemeris::Ephemeris;
@@ -120,6 +120,7 @@ fn calibration(
             .help("leave --compensation out, or name a calibration in the setup"));
     };
     inputs.push(SceneInput { role: "calibration".into(), hash: hash_file(&calibration)? });
-    let response = screen_response(&calibration, setup)?;
-    Ok((Some(Calibration::read(&calibration, setup)?), response))
+    let read = Calibration::read(&calibration, setup)?;
+    let response = read.response.as_ref().map(|measured| measured.curve.clone());
+    Ok((Some(read), response))
 }

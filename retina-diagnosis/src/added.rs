@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use retina_files::{InputError, nearest};
+use retina_formats::EffectId;
 
 use crate::catalogue::{Effect, effects};
 use crate::data::Dataset;
@@ -34,23 +35,31 @@ impl AddedEffect {
             return Ok(Self::Own(Arc::new(EffectOfFile::read(Path::new(text), data)?)));
         }
         let all = effects(Some(data.kind));
-        if let Some(effect) = all.iter().find(|effect| effect.id == text) {
-            if data.part(text).is_some() {
+        if let Some(effect) = all.iter().find(|effect| effect.name() == text) {
+            if data.part(effect.id).is_some() {
                 return Ok(Self::Catalogued(effect));
             }
-            if let Err(reason) = (effect.build)(data) {
+            if let Err(reason) = effect.build(data) {
                 return Err(
                     InputError::new("--effect", format!("this table cannot show `{text}`")).found(reason)
                 );
             }
             return Ok(Self::Catalogued(effect));
         }
-        let ids: Vec<&str> = all.iter().map(|effect| effect.id).collect();
+        let ids: Vec<&str> = all.iter().map(|effect| effect.name()).collect();
         let near = nearest(text, ids.iter().copied()).map(|near| format!("did you mean `{near}`? "));
         Err(InputError::new("--effect", format!("is no effect on {}", data.kind.name()))
             .found(format!("`{text}`"))
             .expected("an effect's id, or a file that ends in .toml")
             .help(format!("{}`retina effects` lists them", near.unwrap_or_default())))
+    }
+
+    /// Its id, where it is catalogued.
+    pub fn id(&self) -> Option<EffectId> {
+        match self {
+            Self::Catalogued(effect) => Some(effect.id),
+            Self::Own(_) => None,
+        }
     }
 
     /// One of one's own.
@@ -70,7 +79,7 @@ impl AddedEffect {
     /// Its id or name.
     pub fn name(&self) -> &str {
         match self {
-            Self::Catalogued(effect) => effect.id,
+            Self::Catalogued(effect) => effect.name(),
             Self::Own(effect) => effect.name(),
         }
     }
@@ -78,7 +87,7 @@ impl AddedEffect {
     /// The columns it depends on.
     pub(crate) fn columns(&self) -> Vec<&str> {
         match self {
-            Self::Catalogued(effect) => effect.covariates.to_vec(),
+            Self::Catalogued(effect) => effect.covariates().to_vec(),
             Self::Own(effect) => effect.columns(),
         }
     }
@@ -174,20 +183,20 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
     let mut shape = Vec::new();
     let mut out = data.clone();
     let mut user_values = Vec::new();
-    for (index, part) in added.iter().enumerate().filter_map(|(i, e)| Some((i, data.part(e.name())?))) {
+    for (index, part) in added.iter().enumerate().filter_map(|(i, e)| Some((i, data.part(e.id()?)?))) {
         for (column, value) in &part.tangents {
             base.push(column.values.clone());
-            names.push(format!("{}.{}", part.id, column.name));
+            names.push(format!("{}.{}", part.id.name(), column.name));
             owner.push(Some(index));
             start.push(*value);
         }
         out.y.iter_mut().zip(&part.adds).for_each(|(y, value)| *y -= value);
-        shape.extend(part.shape.iter().map(|(n, v)| (index, format!("{}.{n}", part.id), *v)));
+        shape.extend(part.shape.iter().map(|(n, v)| (index, format!("{}.{n}", part.id.name()), *v)));
         user_values.push((index, part.adds.clone()));
     }
     for (index, effect) in added.iter().enumerate() {
         let AddedEffect::Catalogued(effect) = effect else { continue };
-        let Ok(variants) = (effect.build)(data) else { continue };
+        let Ok(variants) = effect.build(data) else { continue };
         let frame = Frame::fitted(&out, &base);
         let columns: Vec<Vec<Vec<f64>>> =
             variants.iter().map(|v| v.leading.iter().map(|t| data.column(t)).collect()).collect();
@@ -206,7 +215,7 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
         let refined = frame.held_out(&columns[best]).beaten_by(&frame.held_out(&whole)) > REFINED;
         let mut put = |term: &crate::data::Term<'_>, column: Vec<f64>| {
             base.push(column);
-            names.push(format!("{}.{}", effect.id, term.name));
+            names.push(format!("{}.{}", effect.name(), term.name));
             owner.push(Some(index));
             start.push(0.0);
         };
@@ -218,7 +227,7 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
                 put(term, column);
             }
         }
-        shape.extend(variants[best].shape.iter().map(|(n, v)| (index, format!("{}.{n}", effect.id), *v)));
+        shape.extend(variants[best].shape.iter().map(|(n, v)| (index, format!("{}.{n}", effect.name()), *v)));
     }
     let users: Vec<(usize, &dyn OwnEffect)> = added
         .iter()

@@ -1,12 +1,13 @@
 //! How far a model is from the data: errors against the noise, the worst groups, what the errors depend on.
 
 use crate::added::{AddedEffect, adjusted};
-use crate::data::{ARCSEC_PER_RAD, Dataset, TableKind};
+use crate::data::{ARCSEC_PER_RAD, Dataset};
 use crate::decode::{Decoded, decode};
 use crate::diagnose::MOST_ROWS;
 use crate::noise::Weights;
 use crate::score::{Flips, Frame};
 use crate::screens::{columns_of, screen_p_values, screens};
+use retina_formats::TableKind;
 
 /// Percentiles that are reported.
 pub(crate) const PERCENTILES: [u32; 6] = [50, 68, 90, 95, 96, 99];

@@ -6,11 +6,12 @@
 //! decentring p is prism p and tilt 2 p (A. E. Conrady, Monthly Notices of the RAS 79, 1919; D. C. Brown,
 //! Photogrammetric Engineering 32, 1966). So the part of second degree has three readings, each with two of the three.
 
-use crate::data::{ARCSEC_PER_RAD, Baseline, Dataset, TableKind};
+use crate::data::{ARCSEC_PER_RAD, Baseline, Dataset};
 use crate::estimate::{Parameter, estimate};
 use crate::field::Held;
 use crate::linear::{Basis, cholesky, matrix};
 use crate::noise::robust_fit;
+use retina_formats::TableKind;
 
 /// Points of the data over which fields are compared, at most.
 const SAMPLE: usize = 2000;

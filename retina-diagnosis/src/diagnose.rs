@@ -1,6 +1,7 @@
 //! Which effect is missing: candidates tested, ranked, accepted one by one, until nothing is left to explain.
 
 use rayon::prelude::*;
+use retina_formats::{EffectId, PowerEffect};
 
 use crate::added::AddedEffect;
 use crate::catalogue::{Effect, Variant, effects};
@@ -51,7 +52,7 @@ const FLOOR_ACCEPTED: f64 = 0.05;
 /// Rows that are searched and screened: their columns take about half a gigabyte.
 pub(crate) const MOST_ROWS: usize = 50_000;
 /// The effect that is a whole group's own, and the level of its test; its forms are in the groups' order.
-pub(crate) const WHOLE_GROUP: &str = "attenuator_not_changed";
+pub(crate) const WHOLE_GROUP: EffectId = EffectId::Power(PowerEffect::AttenuatorNotChanged);
 const LEVEL_GROUP: f64 = 0.005;
 /// A label that is wrong is a factor of 2 and more; a tenth of that may be a series' own error.
 const FLOOR_GROUP: f64 = 0.1;
@@ -268,7 +269,7 @@ fn search(
         let offset = Parameter { name: "factor_less_1".to_owned(), value: found.offset, sigma: None };
         let number = Parameter { name: "series_number".to_owned(), value: found.group as f64, sigma: None };
         let candidate = Candidate {
-            effect: prepared[index].effect.id,
+            effect: prepared[index].effect.name(),
             p_value: found.p_value,
             heldout_rms: steps[0].heldout_rms,
             parameters: vec![offset, number],
@@ -279,8 +280,8 @@ fn search(
     }
     let mut indistinguishable: Vec<&'static str> = Vec::new();
     for &i in sets.iter().flatten() {
-        if !indistinguishable.contains(&prepared[i].effect.id) {
-            indistinguishable.push(prepared[i].effect.id);
+        if !indistinguishable.contains(&prepared[i].effect.name()) {
+            indistinguishable.push(prepared[i].effect.name());
         }
     }
     Diagnosis {
@@ -288,7 +289,7 @@ fn search(
         baseline_heldout_rms: steps[0].heldout_rms,
         noise_floor,
         verdict,
-        accepted: accepted.iter().map(|&(i, _)| prepared[i].effect.id).collect(),
+        accepted: accepted.iter().map(|&(i, _)| prepared[i].effect.name()).collect(),
         candidates,
         indistinguishable,
         next,
@@ -306,7 +307,7 @@ fn prepare<'a>(data: &'a Dataset, added: &[AddedEffect]) -> (Vec<Prepared<'a>>, 
         if added.iter().any(|a| matches!(a, AddedEffect::Catalogued(e) if e.id == effect.id)) {
             continue;
         }
-        match (effect.build)(data) {
+        match effect.build(data) {
             Ok(variants) => {
                 let columns: Vec<Vec<Vec<f64>>> = variants
                     .par_iter()
@@ -314,7 +315,7 @@ fn prepare<'a>(data: &'a Dataset, added: &[AddedEffect]) -> (Vec<Prepared<'a>>, 
                     .collect();
                 prepared.push(Prepared { effect, variants, columns });
             }
-            Err(reason) => not.push(NotTestable { effect: effect.id, reason }),
+            Err(reason) => not.push(NotTestable { effect: effect.name(), reason }),
         }
     }
     (prepared, not)
@@ -456,7 +457,7 @@ fn ladder(
         let mut leading = base.clone();
         leading.extend(prepared[index].columns[variant].iter().cloned());
         base.extend(prepared[index].whole(data, variant));
-        names.push(prepared[index].effect.id.to_owned());
+        names.push(prepared[index].effect.name().to_owned());
         let (leading, whole) = (held_out(&leading), held_out(&base));
         out.push(Step::new(names.clone(), if leading.rms < whole.rms { &leading } else { &whole }));
     }
@@ -489,7 +490,7 @@ fn candidates(
                 parameters.push(Parameter { name: "shape_refined".to_owned(), value: 1.0, sigma: None });
             }
             Candidate {
-                effect: form.effect.id,
+                effect: form.effect.name(),
                 p_value: ranked.p_value,
                 heldout_rms: ranked.held_out.rms,
                 parameters,
@@ -499,7 +500,7 @@ fn candidates(
         .collect();
     // What was accepted first leads the list, also where it is a hair behind one that was no better in the end.
     if let Some(&(index, _)) = accepted.first() {
-        out.sort_by_key(|candidate| candidate.effect != prepared[index].effect.id);
+        out.sort_by_key(|candidate| candidate.effect != prepared[index].effect.name());
     }
     out
 }

@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, Place, Snippet, parse_toml, read_text};
+use retina_formats::TableKind;
 use serde::Deserialize;
 use toml::Spanned;
 
 use crate::catalogue::effects;
-use crate::data::{ARCSEC_PER_RAD, Dataset, TableKind};
+use crate::data::{ARCSEC_PER_RAD, Dataset};
 use crate::formula::{Formula, Unit, parse};
 use crate::own::{OwnEffect, OwnParameter, readable_columns};
 
@@ -63,11 +64,11 @@ impl EffectOfFile {
                 Some(Snippet { text: text.clone(), offset: span.start, length: span.len().max(1) });
             error
         };
-        if let Some(known) = effects(Some(data.kind)).iter().find(|effect| effect.id == file.name) {
+        if let Some(known) = effects(Some(data.kind)).iter().find(|effect| effect.name() == file.name) {
             return Err(InputError::new(path, "the catalogue has an effect of this name")
                 .at("key `name`")
-                .found(format!("`{}`", known.id))
-                .help(format!("give it another name, or use the catalogue's: --effect {}", known.id)));
+                .found(format!("`{}`", known.name()))
+                .help(format!("give it another name, or use the catalogue's: --effect {}", known.name())));
         }
         let mut parameters = Vec::new();
         for (name, value) in &file.parameters {

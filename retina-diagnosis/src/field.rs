@@ -3,7 +3,8 @@
 //! polynomial's degree for what that cannot follow, whose size is estimated from the data.
 
 use glam::DVec2;
-use retina_geometry::{Calibration, InverseDistortion};
+use retina_formats::Calibration;
+use retina_geometry::InverseDistortion;
 
 use crate::data::ARCSEC_PER_RAD;
 use crate::linear::Basis;

@@ -38,7 +38,7 @@ pub use catalogue::{Effect, effects};
 pub use compare::{Comparison, Dependence, WorstGroup, compare};
 pub use data::{
     Baseline, Covariate, Dataset, Group, MOST_PIXELS, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels,
-    Source, TableKind,
+    Source,
 };
 pub use decode::{Decoded, Reading, decode};
 pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, diagnose, diagnose_step};

@@ -1,19 +1,22 @@
 //! `fit --out`: baseline and effects as a calibration, which is accepted wherever a calibration is.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use glam::DVec2;
-use retina_calibration::geometry::{CalibrateOptions, PointRow, PointsTable, calibrate, log10_irradiance};
-use retina_files::{InputError, write_atomic};
+use retina_calibration::geometry::{CalibrateOptions, GeometryCalibration, calibrate};
+use retina_files::InputError;
+use retina_formats::{
+    Calibration, CalibrationFile, CovarianceRecord, PointRow, PointsTable, SourceFile, TableKind,
+};
 use retina_geometry::Setup;
-use retina_radiometry::ScreenResponse;
 
-use crate::added::AddedEffect;
-use crate::data::{Dataset, TableKind};
+use crate::added::{AddedEffect, adjusted};
+use crate::data::{ARCSEC_PER_RAD, Dataset};
 use crate::fit::Fit;
+use crate::linear::{Basis, cholesky};
 
-/// Writes the model: its predictions at the table's own points, as a calibration of D and of D^-1 with irradiance.
+/// Writes the model: its predictions at the table's own points, as a calibration of D and of D^-1 with irradiance, with
+/// the response of the calibration that was held fixed and the covariance that the fit and that calibration leave.
 /// Returns the rms difference between the two, arcsec per axis.
 ///
 /// # Errors
@@ -26,6 +29,7 @@ pub fn write_model(
     added: &[AddedEffect],
     setup: &Setup,
     table: &PointsTable,
+    held: Option<&Calibration>,
 ) -> Result<f64, InputError> {
     if data.kind != TableKind::Points {
         return Err(InputError::new(
@@ -50,19 +54,36 @@ pub fn write_model(
             .found(format!("{} mountings", data.roll_rad.len()))
             .help("fit the campaign of that mounting alone"));
     }
-    // The model's own predictions, without noise, on the table's points.
-    let camera = setup.camera_pinhole();
-    let mut predicted = PointsTable {
-        images: vec!["model".to_owned()],
-        files: table.files.clone(),
-        ..PointsTable::default()
-    };
-    let response = ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude());
-    let mut range = [f64::INFINITY, f64::NEG_INFINITY];
-    for row in 0..data.len() {
-        if fit.outlier[row] {
-            continue;
-        }
+    let predicted = predictions(path, data, fit, table)?;
+    let response = held.and_then(|calibration| calibration.response.clone());
+    let record = response.as_ref().map(|measured| measured.record.clone());
+    let result = calibrate(&predicted, setup, &CalibrateOptions { response, ..CalibrateOptions::default() })?;
+    let rms = result.errors.rms_arcsec / std::f64::consts::SQRT_2;
+    let names: Vec<&str> = added.iter().map(AddedEffect::name).collect();
+    let mut file = CalibrationFile::new(setup);
+    file.source = format!(
+        "retina fit: baseline + {}; polynomials {rms:.2e} arcsec rms per axis from the model",
+        names.join(" + ")
+    );
+    result.store(&mut file);
+    file.covariance = covariance(&result, data, fit, added);
+    file.provenance = Some(CalibrationFile::provenance_of(setup));
+    file.response = record;
+    file.write(path)?;
+    Ok(rms)
+}
+
+/// The model's own predictions, without noise, on the table's points.
+fn predictions(
+    path: &Path,
+    data: &Dataset,
+    fit: &Fit,
+    table: &PointsTable,
+) -> Result<PointsTable, InputError> {
+    let files = table.files.iter().map(|file| SourceFile { setup: None, ..file.clone() });
+    let mut out =
+        PointsTable { images: vec!["model".to_owned()], files: files.collect(), ..PointsTable::default() };
+    for row in (0..data.len()).filter(|&row| !fit.outlier[row]) {
         let frame = &data.frame[row];
         let px = |i: usize| {
             let shift: f64 = (0..2).map(|j| frame.to_table[i][j] * fit.residual[2 * row + j]).sum();
@@ -72,59 +93,74 @@ pub fn write_model(
             .rows
             .get(data.order[row])
             .ok_or_else(|| InputError::new(path, "the table has changed while it was fitted"))?;
-        let l = log10_irradiance(&response, source.channel, source.digital_count);
-        range = [range[0].min(l), range[1].max(l)];
-        predicted.rows.push(PointRow {
-            image: 0,
-            camera_px: DVec2::new(px(0), px(1)),
-            sigma_px: None,
-            exposure_s: None,
-            flux_dn: None,
-            ..source.clone()
+        out.rows.push(PointRow {
+            channel: source.channel,
+            file: source.file,
+            line: source.line,
+            ..PointRow::new(0, source.screen_px, source.digital_count, DVec2::new(px(0), px(1)))
         });
     }
-    let options = CalibrateOptions::default();
-    let result = calibrate(&predicted, setup, &options)?;
-    let mut text = format!(
-        "schema = \"retina.calibration/1\"\nsetup = {}\nsource = {}\n",
-        toml::Value::String(setup.name.clone()),
-        toml::Value::String(format!(
-            "retina fit: baseline + {}",
-            added.iter().map(AddedEffect::name).collect::<Vec<_>>().join(" + ")
-        ))
-    );
-    let rms = result.errors.rms_arcsec / std::f64::consts::SQRT_2;
-    let _ = writeln!(
-        text,
-        "\n# Polynomials fitted to the model's predictions, {rms:.2e} arcsec rms per axis from them."
-    );
-    text.push_str("# r = D(r_u) at the reference irradiance: rows [i, j, a, b].\n[distortion]\nterms = [\n");
-    for (i, j, a, b) in &result.direct.terms {
-        let _ = writeln!(text, "  [{i}, {j}, {a:?}, {b:?}],");
+    Ok(out)
+}
+
+/// Rows over which the model's error is taken.
+const SAMPLE: usize = 1500;
+
+/// Covariance of the polynomial's coefficients, mean of both axes: the model's prediction error over the rows, put into
+/// the polynomial by least squares. The error is that of the fitted parameters (P their covariance, B their columns:
+/// B P B^T) and that of the calibration held fixed (its own columns F: F F^T). The data lessen the latter a little,
+/// which is not counted: the covariance is rather too large.
+fn covariance(
+    result: &GeometryCalibration,
+    data: &Dataset,
+    fit: &Fit,
+    added: &[AddedEffect],
+) -> Option<CovarianceRecord> {
+    let base = adjusted(data, added).base;
+    let n = base.len();
+    let sigma: Vec<f64> = fit.parameters[..n].iter().map(|p| p.sigma.unwrap_or(0.0)).collect();
+    let correlation = faer::Mat::<f64>::from_fn(n, n, |i, j| fit.correlation[i][j]);
+    let factor = cholesky(&correlation)?;
+    let stride = data.len().div_ceil(SAMPLE).max(1);
+    let rows: Vec<usize> = (0..data.len()).step_by(stride).collect();
+    let at = |column: &[f64], axis: usize| -> Vec<f64> {
+        rows.iter().map(|&row| column[2 * row + axis] / ARCSEC_PER_RAD).collect()
+    };
+    // Independent errors of unit variance, axis by axis.
+    let mut errors: Vec<Vec<f64>> = Vec::new();
+    for k in 0..n {
+        let mut column = vec![0.0; data.y.len()];
+        for (j, base) in base.iter().enumerate().skip(k) {
+            let weight = sigma[j] * factor[(j, k)];
+            column.iter_mut().zip(base).for_each(|(sum, value)| *sum += weight * value);
+        }
+        errors.extend([at(&column, 0), at(&column, 1)]);
     }
-    text.push_str("]\n\n# r_u = D^-1(r, L): rows [i, j, k, a, b].\n[inverse]\n");
-    let _ = writeln!(text, "reference_log10_irradiance = {:?}", result.reference_log10_irradiance);
-    let _ = writeln!(text, "range_log10_irradiance = [{:?}, {:?}]\nterms = [", range[0], range[1]);
-    for ([i, j, k], c) in result.terms.iter().zip(&result.coefficients) {
-        let _ = writeln!(text, "  [{i}, {j}, {k}, {:?}, {:?}],", c.x, c.y);
+    for column in data.field().map_or(&[][..], |field| &field.known) {
+        errors.extend([at(column, 0), at(column, 1)]);
     }
-    let (k, c) = (setup.facility_pinhole(), camera);
-    let _ = writeln!(
-        text,
-        "]\n\n[provenance]\nk_f_px = [{:?}, {:?}, {:?}, {:?}]\ncamera_px = [{:?}, {:?}, {:?}, {:?}, {:?}, {:?}]\nsoftware = \"retina {}\"",
-        k.fx_px,
-        k.fy_px,
-        k.cx_px,
-        k.cy_px,
-        c.fx_px,
-        c.fy_px,
-        c.cx_px,
-        c.cy_px,
-        f64::from(c.width_px),
-        f64::from(c.height_px),
-        env!("CARGO_PKG_VERSION")
-    );
-    write_atomic(path, text.as_bytes())
-        .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))?;
-    Ok(rms)
+    // Monomials about 1 at the camera's edge: the covariance's own scale is put back at the end.
+    let (x, y) = (data.values("x"), data.values("y"));
+    let l = data.values("log10_irradiance");
+    let [low, high] = result.range_log10_irradiance;
+    let columns = result.terms.iter().map(|&[i, j, k]| {
+        let value = |row: usize| {
+            x[row].powi(i as i32) * y[row].powi(j as i32) * l[row].clamp(low, high).powi(k as i32)
+        };
+        rows.iter().map(|&row| value(row)).collect::<Vec<f64>>()
+    });
+    let basis = Basis::of(columns);
+    let side = result.terms.len();
+    let scale: Vec<f64> =
+        result.terms.iter().map(|term| data.half_tan.powi(-((term[0] + term[1]) as i32))).collect();
+    let mut matrix = vec![0.0; side * side];
+    for error in &errors {
+        let coefficients = basis.coefficients(error);
+        for i in 0..side {
+            for j in 0..side {
+                matrix[i * side + j] += 0.5 * coefficients[i] * scale[i] * coefficients[j] * scale[j];
+            }
+        }
+    }
+    Some(CovarianceRecord::of_matrix(&matrix, side))
 }

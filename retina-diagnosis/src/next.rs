@@ -30,12 +30,13 @@ pub(crate) fn propose(
     variant: usize,
     set: &[&'static Effect],
 ) -> Option<NextMeasurement> {
-    let (action, value) = best.separated_by.or_else(|| set.iter().find_map(|effect| effect.separated_by))?;
+    let (action, value) =
+        best.separated_by().or_else(|| set.iter().find_map(|effect| effect.separated_by()))?;
     let Some(design) = repeated(data, action) else {
         return Some(NextMeasurement {
             action,
             value,
-            separates: set.iter().map(|e| e.id).collect(),
+            separates: set.iter().map(|e| e.name()).collect(),
             expected_sigma: None,
         });
     };
@@ -48,10 +49,10 @@ pub(crate) fn propose(
     };
     let field = expected(data, weights, &design, best, variant)?;
     let base: Vec<Vec<f64>> = design.baseline_terms().iter().map(|term| design.column(term)).collect();
-    let mut separates = vec![best.id];
+    let mut separates = vec![best.name()];
     let mut least: Option<f64> = None;
     for rival in set.iter().filter(|effect| effect.id != best.id) {
-        let Ok(variants) = (rival.build)(&design) else { continue };
+        let Ok(variants) = rival.build(&design) else { continue };
         let mut with = design.clone();
         with.y.clone_from(&field);
         // Its form that comes nearest.
@@ -65,18 +66,18 @@ pub(crate) fn propose(
             })
             .fold(f64::INFINITY, f64::min);
         if left > 1.0 {
-            separates.push(rival.id);
+            separates.push(rival.name());
             least = Some(least.map_or(left, |l| l.min(left)));
         }
     }
     if separates.len() == 1 {
         // This action tells nothing apart: say what belongs to a rival instead, without a figure.
-        let other = set.iter().filter_map(|e| e.separated_by).find(|(a, _)| *a != action);
+        let other = set.iter().filter_map(|e| e.separated_by()).find(|(a, _)| *a != action);
         let (action, value) = other.unwrap_or(("magnification", "the other configuration"));
         return Some(NextMeasurement {
             action,
             value,
-            separates: set.iter().map(|e| e.id).collect(),
+            separates: set.iter().map(|e| e.name()).collect(),
             expected_sigma: None,
         });
     }
@@ -91,12 +92,12 @@ fn expected(
     best: &'static Effect,
     variant: usize,
 ) -> Option<Vec<f64>> {
-    let forms = (best.build)(data).ok()?;
+    let forms = best.build(data).ok()?;
     let mut columns: Vec<Vec<f64>> = data.baseline_terms().iter().map(|term| data.column(term)).collect();
     let before = columns.len();
     columns.extend(forms.get(variant)?.leading.iter().map(|term| data.column(term)));
     let values = crate::estimate::estimate(data, &columns, weights).values;
-    let there = (best.build)(design).ok()?;
+    let there = best.build(design).ok()?;
     let mut out = vec![0.0; design.y.len()];
     for (term, amplitude) in there.get(variant)?.leading.iter().zip(&values[before..]) {
         for (sum, value) in out.iter_mut().zip(design.column(term)) {

@@ -4,11 +4,12 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use retina_files::{InputError, write_atomic};
+use retina_formats::TableKind;
 use serde_json::{Map, Value, json};
 
 use crate::catalogue::Effect;
 use crate::compare::{Comparison, PERCENTILES};
-use crate::data::{Dataset, TableKind};
+use crate::data::Dataset;
 use crate::decode::Decoded;
 use crate::diagnose::Diagnosis;
 use crate::estimate::{Implausible, Parameter};
@@ -203,14 +204,14 @@ pub fn effects_json(effects: &[&Effect]) -> Value {
         .iter()
         .map(|e| {
             json!({
-                "effect": e.id,
-                "table": e.kind.name(),
-                "formula": e.formula,
-                "source": e.source,
-                "covariates": e.covariates,
-                "plausible": e.plausible,
-                "class": e.class,
-                "separated_by": e.separated_by.map(|(action, value)| json!({ "action": action, "value": value })),
+                "effect": e.name(),
+                "table": e.kind().name(),
+                "formula": e.formula(),
+                "source": e.source(),
+                "covariates": e.covariates(),
+                "plausible": e.plausible(),
+                "class": e.class.iter().map(|id| id.name()).collect::<Vec<_>>(),
+                "separated_by": e.separated_by().map(|(action, value)| json!({ "action": action, "value": value })),
             })
         })
         .collect();
@@ -221,15 +222,18 @@ pub fn effects_json(effects: &[&Effect]) -> Value {
 pub fn effects_text(effects: &[&Effect]) -> Vec<String> {
     let mut out = Vec::new();
     for e in effects {
-        out.push(format!("{} ({})", e.id, e.kind.name()));
-        out.push(format!("    adds      {}", e.formula));
-        out.push(format!("    size      {}", e.plausible));
-        out.push(format!("    columns   {}", e.covariates.join(", ")));
-        out.push(format!("    source    {}", e.source));
+        out.push(format!("{} ({})", e.name(), e.kind().name()));
+        out.push(format!("    adds      {}", e.formula()));
+        out.push(format!("    size      {}", e.plausible()));
+        out.push(format!("    columns   {}", e.covariates().join(", ")));
+        out.push(format!("    source    {}", e.source()));
         if e.class.len() > 1 {
-            out.push(format!("    alike     {}", e.class.join(", ")));
+            out.push(format!(
+                "    alike     {}",
+                e.class.iter().map(|id| id.name()).collect::<Vec<_>>().join(", ")
+            ));
         }
-        if let Some((action, value)) = e.separated_by {
+        if let Some((action, value)) = e.separated_by() {
             out.push(format!("    separate  {action}: {value}"));
         }
     }

@@ -1,7 +1,8 @@
 //! Screens: what the errors still depend on, whatever the cause.
 
-use crate::data::{Dataset, TableKind};
+use crate::data::Dataset;
 use crate::score::{Flips, Frame, Score, p_values};
+use retina_formats::TableKind;
 
 /// A screen and its score.
 pub(crate) struct Screen {

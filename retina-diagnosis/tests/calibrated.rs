@@ -8,9 +8,10 @@ use std::path::Path;
 
 use common::{ARCSEC, Campaign, Point, setup};
 use glam::DVec2;
-use retina_calibration::geometry::{CalibrateOptions, PointsTable, calibrate, write_calibration};
+use retina_calibration::geometry::{CalibrateOptions, calibrate, write_calibration};
 use retina_diagnosis::{Baseline, Dataset, DiagnoseOptions, Diagnosis, Source, Verdict, diagnose};
-use retina_geometry::{Calibration, Setup};
+use retina_formats::{Calibration, Measurements, PointsTable};
+use retina_geometry::Setup;
 
 /// A lens whose fifth and seventh orders a calibration of a few hundred points follows with a visible error.
 fn lens(p: &Point) -> DVec2 {
@@ -42,14 +43,15 @@ fn against(
     let path = folder.path().join("table.csv");
     std::fs::write(&path, Campaign::new(seed).table(setup, effect)).unwrap();
     let calibration = Calibration::read(calibration, setup).unwrap();
+    let tables = Measurements::read(&[path]).unwrap();
     let source = Source {
-        files: &[path],
+        tables: &tables,
         setup,
         calibration: Some(&calibration),
         response: None,
         baseline: Baseline::Physical,
     };
-    diagnose(&Dataset::read(&source).unwrap(), &[], &DiagnoseOptions { flips, seed: 1 })
+    diagnose(&Dataset::new(&source).unwrap(), &[], &DiagnoseOptions { flips, seed: 1 })
 }
 
 /// Three calibrations, three campaigns without an effect for each: at most 2 alarms of 9 (a rate of 5 % gives more in

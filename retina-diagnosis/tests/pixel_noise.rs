@@ -9,6 +9,7 @@ use retina_diagnosis::{
     Covariate, Dataset, DiagnoseOptions, PixelColumn, PixelEffect, PixelForm, Pixels, Verdict, compare,
     compare_json, compare_text, diagnose, diagnose_json, diagnose_text,
 };
+use retina_formats::FramesEffect;
 
 /// Errors of a square image: noise that grows with the light, and what the model misses; with the root of the noise's
 /// harmonic mean variance.
@@ -176,7 +177,7 @@ fn what_cannot_be_comes_after_what_can() {
     let truth = |x: f64, _: f64| 4.0 * (x / 64.0 - 0.5);
     let (mut pixels, _) = pixels(64, 1, truth, 7);
     let along: Vec<f64> = pixels.place.iter().map(|p| p[1] / 64.0 - 0.5).collect();
-    let effect = |id: &'static str, factor: f64, plausible: [f64; 2]| PixelEffect {
+    let effect = |id: FramesEffect, factor: f64, plausible: [f64; 2]| PixelEffect {
         id,
         forms: Ok(vec![PixelForm {
             shape: Vec::new(),
@@ -187,8 +188,10 @@ fn what_cannot_be_comes_after_what_can() {
             }],
         }]),
     };
-    pixels.effects =
-        vec![effect("vignetting", -0.1, [0.0, 1.0]), effect("detector_nonlinearity", 8.0, [-1.0, 1.0])];
+    pixels.effects = vec![
+        effect(FramesEffect::Vignetting, -0.1, [0.0, 1.0]),
+        effect(FramesEffect::DetectorNonlinearity, 8.0, [-1.0, 1.0]),
+    ];
     let data = Dataset::of_pixels(pixels).unwrap();
     let found = diagnose(&data, &[], &DiagnoseOptions { flips: 499, seed: 1 });
     println!("{:?} {:#?}", found.accepted, found.candidates);

@@ -8,6 +8,7 @@ use retina_diagnosis::{
     AddedEffect, Baseline, Dataset, DiagnoseOptions, Diagnosis, Reading, Source, Verdict, decode, diagnose,
     fit, unexplained_shapes,
 };
+use retina_formats::Measurements;
 
 type Effect = Box<dyn Fn(&Point) -> DVec2>;
 
@@ -220,10 +221,10 @@ fn a_polynomial_is_told_as_physics() {
     let decoded = |id: &str, degree: u32| {
         let effect = physical(id, 8.0);
         std::fs::write(&path, Campaign::new(12).table(&setup, &effect)).unwrap();
-        let files = [path.clone()];
+        let tables = Measurements::read(std::slice::from_ref(&path)).unwrap();
         let baseline = Baseline::Polynomial(degree);
-        let source = Source { files: &files, setup: &setup, calibration: None, response: None, baseline };
-        decode(&Dataset::read(&source).unwrap()).unwrap()
+        let source = Source { tables: &tables, setup: &setup, calibration: None, response: None, baseline };
+        decode(&Dataset::new(&source).unwrap()).unwrap()
     };
     let value = |reading: &Reading, name: &str| {
         reading.parameters.iter().find(|p| p.name == name).map(|p| (p.value, p.sigma.unwrap())).unwrap()

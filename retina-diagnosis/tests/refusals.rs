@@ -10,6 +10,7 @@ use common::{Campaign, Point, setup};
 use glam::DVec2;
 use retina_diagnosis::{AddedEffect, Baseline, Dataset, DiagnoseOptions, Source, check_effects, diagnose};
 use retina_files::InputError;
+use retina_formats::Measurements;
 
 fn nothing(p: &Point) -> DVec2 {
     p.r
@@ -20,14 +21,15 @@ fn read(text: &str) -> Result<Dataset, InputError> {
     let path: PathBuf = folder.path().join("table.csv");
     std::fs::write(&path, text).unwrap();
     let setup = setup();
+    let tables = Measurements::read(&[path])?;
     let source = Source {
-        files: &[path],
+        tables: &tables,
         setup: &setup,
         calibration: None,
         response: None,
         baseline: Baseline::Physical,
     };
-    Dataset::read(&source)
+    Dataset::new(&source)
 }
 
 fn campaign(exposures: usize) -> Campaign {

@@ -11,7 +11,8 @@ use rand_distr::{Distribution as _, StandardNormal};
 use retina_diagnosis::{
     AddedEffect, Baseline, Dataset, DiagnoseOptions, OwnEffect, OwnParameter, Source, Verdict, diagnose, fit,
 };
-use retina_response::{PowerReadings, RadiometricCalibration};
+use retina_formats::{Measurements, RadiometricCalibration};
+use retina_response::{Calibrated, PowerReadings};
 
 fn normal(random: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(random)
@@ -212,13 +213,13 @@ fn a_calibrated_response_is_held() {
     let path = folder.path().join("power.csv");
     std::fs::write(&path, power(40, &|light, _, count, channel| display(light, count, channel))).unwrap();
     let readings = PowerReadings::read(std::slice::from_ref(&path)).unwrap();
-    let response = RadiometricCalibration::fit(&setup, readings).unwrap().calibration;
+    let response = Calibrated::fit(&setup, readings).unwrap().calibration;
     let verdict = |text: String, response: Option<&RadiometricCalibration>| {
         std::fs::write(&path, text).unwrap();
-        let files = [path.clone()];
+        let tables = Measurements::read(std::slice::from_ref(&path)).unwrap();
         let baseline = Baseline::Physical;
-        let source = Source { files: &files, setup: &setup, calibration: None, response, baseline };
-        let data = Dataset::read(&source).unwrap();
+        let source = Source { tables: &tables, setup: &setup, calibration: None, response, baseline };
+        let data = Dataset::new(&source).unwrap();
         let found = diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 });
         println!("{} {:?} {:?}", found.verdict.name(), found.accepted, found.unexplained);
         found

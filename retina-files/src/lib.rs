@@ -18,6 +18,6 @@ mod write;
 
 pub use error::{InputError, Place, Snippet};
 pub use picture::{MOST_IMAGE_PIXELS, decode_image};
-pub use table::{Table, csv_cell};
+pub use table::Table;
 pub use toml_file::{nearest, parse_schema, parse_toml, read_schema, read_toml};
 pub use write::{hash_bytes, hash_file, read_bytes, read_text, write_atomic};

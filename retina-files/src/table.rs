@@ -1,6 +1,5 @@
 //! CSV tables: header row, `#` comment lines, cells read by column name.
 
-use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -174,18 +173,6 @@ impl Table {
     }
 }
 
-/// A text as one cell of a table: in quotation marks where it holds a comma, a quotation mark or a line's end. A
-/// spreadsheet takes a cell that begins with `=`, `+`, `-` or `@` for a formula, which may do anything; unless it is a
-/// number, an apostrophe stands before it, which makes it text there.
-pub fn csv_cell(text: &str) -> Cow<'_, str> {
-    let formula = text.starts_with(['=', '+', '-', '@', '\t', '\r']) && text.parse::<f64>().is_err();
-    let mark = if formula { "'" } else { "" };
-    if text.contains([',', '"', '\n', '\r']) {
-        return format!("\"{mark}{}\"", text.replace('"', "\"\"")).into();
-    }
-    if formula { format!("{mark}{text}").into() } else { text.into() }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -201,25 +188,6 @@ mod tests {
         assert_eq!(table.number(0, "b").unwrap(), 2.0);
         assert_eq!(table.number_or_empty(1, "b").unwrap(), None);
         assert!(table.number(1, "b").unwrap_err().to_string().contains("line 5, column `b`"));
-    }
-
-    #[test]
-    fn a_cell_that_is_written_is_no_formula_and_stays_one_cell() {
-        for (text, cell) in [
-            ("=HYPERLINK(A1)", "'=HYPERLINK(A1)"),
-            ("+1+1", "'+1+1"),
-            ("-cmd", "'-cmd"),
-            ("@sum", "'@sum"),
-            ("-1.5e3", "-1.5e3"),
-            ("image 1.png", "image 1.png"),
-            ("a,b\"c", "\"a,b\"\"c\""),
-            ("=a,b", "\"'=a,b\""),
-            ("", ""),
-        ] {
-            assert_eq!(csv_cell(text), cell);
-            let table = parse(&format!("a,b\n{cell},2\n")).unwrap();
-            assert_eq!(table.text(0, "a").trim_start_matches('\''), text);
-        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! them.
 
 use retina_files::InputError;
+use retina_formats::FramesEffect;
 
 use crate::FrameSet;
 use crate::form::{Form, catalogue};
@@ -33,11 +34,11 @@ impl FrameSet {
         let refuse = |reason: &str| {
             InputError::new("--effect", format!("these frames cannot show `{id}`")).found(reason)
         };
-        if self.state.parts.iter().any(|part| part.id == id) {
+        if self.state.parts.iter().any(|part| part.id.name() == id) {
             return Err(refuse("the prediction has it already"));
         }
         let all = catalogue(&self.abilities());
-        let Some((id, forms)) = all.into_iter().find(|(known, _)| *known == id) else {
+        let Some((id, forms)) = all.into_iter().find(|(known, _)| known.name() == id) else {
             return Err(InputError::new("--effect", "is no effect on frames").found(format!("`{id}`")));
         };
         let forms = forms.map_err(|reason| refuse(&reason))?;
@@ -48,7 +49,7 @@ impl FrameSet {
         let parameters = self.parameters(&state);
         self.state = solve::fit(&self.sights, &self.rows, state, &parameters);
         self.settle();
-        self.history.push((format!("+ {id}"), self.state.clone()));
+        self.history.push((format!("+ {}", id.name()), self.state.clone()));
         Ok(())
     }
 
@@ -64,13 +65,13 @@ impl FrameSet {
 
     /// The values that a part's parameter may plausibly have.
     pub(crate) fn plausible(&self, id: &str, parameter: &str) -> Option<[f64; 2]> {
-        let part = self.state.parts.iter().find(|part| part.id == id)?;
+        let part = self.state.parts.iter().find(|part| part.id.name() == id)?;
         let change = part.form.change;
         change.names().iter().any(|name| name == parameter).then(|| change.plausible())?
     }
 
     /// The form whose columns leave least beside the present parameters, with its amplitudes.
-    fn first_look(&self, id: &'static str, forms: Vec<Form>) -> Option<(Form, Vec<f64>)> {
+    fn first_look(&self, id: FramesEffect, forms: Vec<Form>) -> Option<(Form, Vec<f64>)> {
         let at = solve::predict(&self.sights, &self.rows, &self.state);
         let lights = solve::lights(&self.sights, &self.state);
         let parameters = self.parameters(&self.state);

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use glam::DVec2;
 use retina_batch::read_exr;
 use retina_files::InputError;
-use retina_geometry::{Calibration, Distortion, Pinhole, Setup};
+use retina_formats::Calibration;
+use retina_geometry::{Distortion, Pinhole, Setup};
 use retina_radiometry::{Law, PhaseFunction, Photometry};
 
 use crate::grid::Grid;

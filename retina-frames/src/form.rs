@@ -1,5 +1,6 @@
 //! Effects as changes of the prediction: each form has a shape from a list and parameters that are fitted.
 
+use retina_formats::FramesEffect;
 use retina_radiometry::{Geometry, Hapke, Law, PhaseFunction, Photometry};
 
 /// A law that the surface may have.
@@ -210,114 +211,98 @@ fn laws(lambert: bool) -> Vec<Form> {
 }
 
 /// The forms of every effect on frames, or why these frames cannot show it.
-pub(crate) fn catalogue(can: &Abilities) -> Vec<(&'static str, Result<Vec<Form>, String>)> {
+pub(crate) fn catalogue(can: &Abilities) -> Vec<(FramesEffect, Result<Vec<Form>, String>)> {
+    FramesEffect::ALL.iter().map(|&effect| (effect, forms(effect, can))).collect()
+}
+
+/// The forms of an effect, or why these frames cannot show it.
+fn forms(effect: FramesEffect, can: &Abilities) -> Result<Vec<Form>, String> {
+    use FramesEffect as E;
     let when =
         |able: bool, forms: Vec<Form>, reason: &str| if able { Ok(forms) } else { Err(reason.to_owned()) };
-    let always = |id: &str| format!("`{id}` is fitted always; --baseline gain leaves it open");
+    let always = format!("`{}` is fitted always; --baseline gain leaves it open", effect.name());
     let single = |change: Change| vec![Form::new(change, &[])];
     let in_field = can.axis[1] > 0.02 && can.axis[1] - can.axis[0] > LEAST_FIELD * can.axis[1];
     let field = "column `axis_r` hardly varies: frames with the body elsewhere in the field";
+    let aside = |change: Change| {
+        when(can.axis[1] > 0.02, single(change), "the body stands on the axis: a frame with it elsewhere")
+    };
     let blurs = |change: Change| -> Vec<Form> {
         [0.15, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0].map(|probe| Form { change, probe, shape: Vec::new() }).to_vec()
     };
-    let mut glares: Vec<Form> = [2.0, 4.0, 8.0, 16.0]
-        .map(|width_px| Form::new(Change::Glare { width_px }, &[("width_px", width_px)]))
-        .to_vec();
-    if can.levels {
-        glares.push(Form::new(Change::MeanGlare, &[("of_mean", 1.0)]));
-    }
-    let albedo = if can.map {
-        Ok([0.5, 1.0, 1.5, 2.0].map(|power| Form::new(Change::Map { power }, &[("power", power)])).to_vec())
-    } else {
-        when(
+    let mesh =
+        "the prediction has the mesh already, or none is known: give `scene` and `frame` with start = smooth";
+    let placed = |change: Change| if can.registered { Err(always.clone()) } else { Ok(single(change)) };
+    match effect {
+        E::PhotometricFunction => when(
+            can.angles,
+            laws(can.lambert),
+            "layers `incidence_deg`, `emission_deg`, `phase_deg` and `mask` are missing",
+        ),
+        E::AlbedoMap if can.map => Ok([0.5, 1.0, 1.5, 2.0]
+            .map(|power| Form::new(Change::Map { power }, &[("power", power)]))
+            .to_vec()),
+        E::AlbedoMap => when(
             can.places,
             single(Change::Harmonics),
             "longitude and latitude are not known: give `scene` and `frame`",
-        )
-    };
-    let mesh =
-        "the prediction has the mesh already, or none is known: give `scene` and `frame` with start = smooth";
-    let dark = match (can.registered, can.exposures) {
-        (false, false) => Ok(single(Change::DarkLevel)),
-        (false, true) => {
-            Ok(vec![Form::new(Change::DarkLevel, &[]), Form::new(Change::DarkCurrent, &[("grows", 1.0)])])
+        ),
+        E::Relief => when(can.mesh, single(Change::Relief), mesh),
+        E::TerrainShadow => when(can.mesh, single(Change::Shadow), mesh),
+        E::Defocus => Ok(blurs(Change::Blur)),
+        E::FieldCurvature => when(in_field, blurs(Change::FieldBlur), field),
+        E::Coma => aside(Change::Coma),
+        E::Astigmatism => aside(Change::Astigmatism),
+        E::VeilingGlare => {
+            let mut glares: Vec<Form> = [2.0, 4.0, 8.0, 16.0]
+                .map(|width_px| Form::new(Change::Glare { width_px }, &[("width_px", width_px)]))
+                .to_vec();
+            if can.levels {
+                glares.push(Form::new(Change::MeanGlare, &[("of_mean", 1.0)]));
+            }
+            Ok(glares)
         }
-        (true, true) => Ok(single(Change::DarkCurrent)),
-        (true, false) => Err(format!("{}; column `exposure_s` does not vary", always("dark_offset"))),
-    };
-    let wells: Vec<Form> = [0.6, 0.7, 0.8, 0.9, 0.95]
-        .into_iter()
-        .filter(|share| *share < can.brightest)
-        .map(|share| Form::new(Change::FullWell { share }, &[("full_well", share)]))
-        .collect();
-    let bright = format!("the brightest pixel that counts is at {:.2} of full scale", can.brightest);
-    let maps = "a map over pixels is not fitted from images of a body; measure it: at least 16 frames of an even field, averaged and divided by their smooth part, and divide the images by it. The camera's own (prnu) stays where it is when the display is shifted behind it, the display's (mura) moves along";
-    let placed = |id: &str, change: Change| match can.registered {
-        true => Err(always(id)),
-        false => Ok(single(change)),
-    };
-    vec![
-        (
-            "photometric_function",
-            when(
-                can.angles,
-                laws(can.lambert),
-                "layers `incidence_deg`, `emission_deg`, `phase_deg` and `mask` are missing",
-            ),
+        E::Ghost => when(
+            can.mirrored,
+            single(Change::Ghost),
+            "the mirrored body lies outside the pixels looked at: a frame with it nearer to the axis",
         ),
-        ("albedo_map", albedo),
-        ("relief", when(can.mesh, single(Change::Relief), mesh)),
-        ("terrain_shadow", when(can.mesh, single(Change::Shadow), mesh)),
-        ("defocus", Ok(blurs(Change::Blur))),
-        ("field_curvature", when(in_field, blurs(Change::FieldBlur), field)),
-        (
-            "coma",
-            when(
-                can.axis[1] > 0.02,
-                single(Change::Coma),
-                "the body stands on the axis: a frame with it elsewhere",
-            ),
+        E::Vignetting => when(
+            in_field,
+            [2, 4]
+                .map(|power| Form::new(Change::Vignetting { power }, &[("power_of_r", f64::from(power))]))
+                .to_vec(),
+            field,
         ),
-        (
-            "astigmatism",
-            when(
-                can.axis[1] > 0.02,
-                single(Change::Astigmatism),
-                "the body stands on the axis: a frame with it elsewhere",
-            ),
+        E::DarkOffset => match (can.registered, can.exposures) {
+            (false, false) => Ok(single(Change::DarkLevel)),
+            (false, true) => {
+                Ok(vec![Form::new(Change::DarkLevel, &[]), Form::new(Change::DarkCurrent, &[("grows", 1.0)])])
+            }
+            (true, true) => Ok(single(Change::DarkCurrent)),
+            (true, false) => Err(format!("{always}; column `exposure_s` does not vary")),
+        },
+        E::DetectorNonlinearity => Ok(single(Change::Nonlinearity)),
+        E::Saturation => {
+            let wells: Vec<Form> = [0.6, 0.7, 0.8, 0.9, 0.95]
+                .into_iter()
+                .filter(|share| *share < can.brightest)
+                .map(|share| Form::new(Change::FullWell { share }, &[("full_well", share)]))
+                .collect();
+            let bright = format!("the brightest pixel that counts is at {:.2} of full scale", can.brightest);
+            when(!wells.is_empty(), wells, &bright)
+        }
+        E::Prnu | E::Mura => Err(
+            "a map over pixels is not fitted from images of a body; measure it: at least 16 frames of an even field, averaged and divided by their smooth part, and divide the images by it. The camera's own (prnu) stays where it is when the display is shifted behind it, the display's (mura) moves along"
+                .to_owned(),
         ),
-        ("veiling_glare", Ok(glares)),
-        (
-            "ghost",
-            when(
-                can.mirrored,
-                single(Change::Ghost),
-                "the mirrored body lies outside the pixels looked at: a frame with it nearer to the axis",
-            ),
-        ),
-        (
-            "vignetting",
-            when(
-                in_field,
-                [2, 4]
-                    .map(|power| Form::new(Change::Vignetting { power }, &[("power_of_r", f64::from(power))]))
-                    .to_vec(),
-                field,
-            ),
-        ),
-        ("dark_offset", dark),
-        ("detector_nonlinearity", Ok(single(Change::Nonlinearity))),
-        ("saturation", when(!wells.is_empty(), wells, &bright)),
-        ("prnu", Err(maps.to_owned())),
-        ("mura", Err(maps.to_owned())),
-        ("image_shift", placed("image_shift", Change::Shift)),
-        ("roll", placed("roll", Change::Roll)),
-        ("scale", placed("scale", Change::Scale)),
-        (
-            "source_size",
-            Err("an image of a body does not show the width of points: give a table of points".to_owned()),
-        ),
-    ]
+        E::ImageShift => placed(Change::Shift),
+        E::Roll => placed(Change::Roll),
+        E::Scale => placed(Change::Scale),
+        E::SourceSize => {
+            Err("an image of a body does not show the width of points: give a table of points".to_owned())
+        }
+    }
 }
 
 /// Real spherical harmonics of degrees 1 to 3, not normalised, of a unit vector (cartesian forms).

@@ -21,10 +21,8 @@ mod register;
 mod scene;
 mod set;
 mod solve;
-mod table;
 mod told;
 mod window;
 
 pub use diagnose::diagnose_frames;
 pub use set::{FrameSet, FramesSource};
-pub use table::is_frames_table;

@@ -1,6 +1,7 @@
 //! The predicted pixel: surface, optics, detector.
 
 use glam::{DMat2, DVec2};
+use retina_formats::FramesEffect;
 
 use crate::form::{Change, Form, harmonics};
 use crate::grid::Grid;
@@ -10,7 +11,7 @@ use crate::window::Window;
 /// An effect that is part of the prediction.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Part {
-    pub(crate) id: &'static str,
+    pub(crate) id: FramesEffect,
     pub(crate) form: Form,
     pub(crate) values: Vec<f64>,
 }

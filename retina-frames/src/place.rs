@@ -7,6 +7,7 @@ use std::sync::Arc;
 use glam::DVec2;
 use retina_diagnosis::MOST_PIXELS;
 use retina_files::InputError;
+use retina_formats::{FrameRow, Prediction};
 use retina_geometry::Pinhole;
 use retina_scene::Scene;
 
@@ -18,7 +19,6 @@ use crate::model::{Sight, State};
 use crate::register::{self, Lost};
 use crate::scene::{SceneBody, SceneOrigin};
 use crate::set::FramesSource;
-use crate::table::{Prediction, Row};
 use crate::window::{Pose, Window};
 
 /// Scenes that were read, with what renders their bodies.
@@ -91,7 +91,7 @@ pub(crate) fn place(
     source: &FramesSource<'_>,
     camera: &Pinhole,
     file: &Path,
-    row: &Row,
+    row: &FrameRow,
     scenes: &mut Scenes,
     files: &mut Vec<PathBuf>,
 ) -> Result<Placed, InputError> {

@@ -6,7 +6,8 @@ use glam::DVec2;
 use rayon::prelude::*;
 use retina_diagnosis::{AddedEffect, Dataset, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels};
 use retina_files::InputError;
-use retina_geometry::{Calibration, Pinhole, Setup};
+use retina_formats::{Calibration, FrameRow, FramesEffect, FramesTable};
+use retina_geometry::{Pinhole, Setup};
 
 use crate::form::{Abilities, Change, Form, catalogue};
 use crate::grid::Grid;
@@ -16,7 +17,6 @@ use crate::model::{Part, Sight, State};
 use crate::pixels::PixelRows;
 use crate::place::{Placed, Scenes, first_state, place, windows};
 use crate::solve::{self, Parameter};
-use crate::table::{self, Row};
 use crate::window::Pose;
 
 /// Where frames come from and what is done with them at first.
@@ -66,9 +66,13 @@ impl FrameSet {
     /// A file that does not fit, an image without light, a prediction that looks nothing like it.
     pub fn read(source: &FramesSource<'_>) -> Result<Self, InputError> {
         let mut notes = Vec::new();
-        let mut rows: Vec<(PathBuf, Row)> = Vec::new();
+        let mut rows: Vec<(PathBuf, FrameRow)> = Vec::new();
         for file in source.files {
-            rows.extend(table::read(file, &mut notes)?.into_iter().map(|row| (file.clone(), row)));
+            let table = FramesTable::read(file)?;
+            notes.extend(
+                table.left_out.iter().map(|name| format!("column `{name}` has empty cells and is left out")),
+            );
+            rows.extend(table.rows.into_iter().map(|row| (file.clone(), row)));
         }
         let stride = rows.len().div_ceil(MOST_FRAMES);
         if stride > 1 {
@@ -138,7 +142,7 @@ impl FrameSet {
         if source.register {
             // Registered with a blur, so that edges are found whatever the optics are; the blur itself is an effect.
             let form = Form { change: Change::Blur, probe: 1.0, shape: Vec::new() };
-            state.parts = vec![Part { id: "defocus", form, values: vec![FIRST_BLUR_PX2] }];
+            state.parts = vec![Part { id: FramesEffect::Defocus, form, values: vec![FIRST_BLUR_PX2] }];
             let with_blur: Vec<Parameter> =
                 parameters.iter().copied().chain([Parameter::Part(0, 0)]).collect();
             for turn in 0..PLACINGS {
@@ -261,7 +265,7 @@ impl FrameSet {
     /// Columns of a form, per unit of its parameters.
     pub(crate) fn columns(
         &self,
-        id: &'static str,
+        id: FramesEffect,
         form: &Form,
         lights: &[Grid],
         at: &[f64],
@@ -286,7 +290,7 @@ impl FrameSet {
 
     /// The effects that are part of the prediction.
     pub fn parts(&self) -> Vec<&'static str> {
-        self.state.parts.iter().map(|part| part.id).collect()
+        self.state.parts.iter().map(|part| part.id.name()).collect()
     }
 
     /// The effects of `--effect`: catalogued ones become parts of the prediction.
@@ -343,7 +347,9 @@ impl FrameSet {
             });
             predicted_so_far = there;
         }
-        let open = catalogue(&self.abilities()).into_iter().filter(|(id, _)| !self.parts().contains(id));
+        let open = catalogue(&self.abilities())
+            .into_iter()
+            .filter(|(id, _)| !state.parts.iter().any(|part| part.id == *id));
         let effects = open
             .map(|(id, forms)| {
                 let forms = match forms {

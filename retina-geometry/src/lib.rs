@@ -12,7 +12,6 @@
 //! - [`limb_ellipse`]: the outline of a sphere or ellipsoid in a pinhole image.
 
 mod bench_setup;
-mod calibration;
 mod distortion;
 mod inverse;
 mod limb;
@@ -21,7 +20,6 @@ mod setup;
 mod warp;
 
 pub use bench_setup::{NoiseSetup, OpticsSetup};
-pub use calibration::Calibration;
 pub use distortion::{Distortion, DistortionError, MAX_DEGREE, term_count};
 pub use inverse::{InverseDistortion, InverseTerm};
 pub use limb::{LimbEllipse, limb_ellipse};

@@ -9,9 +9,10 @@ use retina_batch::{
 use retina_bench::{Bench, BenchError, Exposure, OpticsDetail, ScreenImage};
 use retina_calibration::geometry::{self, CalibrateOptions, calibrate};
 use retina_campaign::{
-    Facility, FramesOptions, PointsOptions, Table, TemperatureProfile, simulate_frames, simulate_points,
+    Facility, FramesOptions, PointsOptions, TemperatureProfile, simulate_frames, simulate_points,
 };
 use retina_files::{InputError, hash_bytes, hash_file, read_text, write_atomic};
+use retina_formats::TableKind;
 use retina_geometry::Setup;
 use retina_scene::{Compensation, Display, Scene};
 use serde::Deserialize;
@@ -239,7 +240,7 @@ impl<'a> Chain<'a> {
     /// # Errors
     /// As [`Facility::new`].
     pub(crate) fn facility(&self) -> Result<Facility, InputError> {
-        Facility::new(&self.setup, &[], Table::Frames, f64::MAX, self.seed)
+        Facility::new(&self.setup, &[], TableKind::Frames, f64::MAX, self.seed)
     }
 
     /// Photographs the screens of a folder into `out/bench/NAME`; gives that folder.
@@ -298,7 +299,7 @@ fn measured_calibration(
     let options =
         PointsOptions { exposures: campaign.exposures, points: campaign.points, ..PointsOptions::default() };
     watcher.step("calibrating the bench");
-    let facility = Facility::new(setup, &[], Table::Points, options.length_s(), seed)?;
+    let facility = Facility::new(setup, &[], TableKind::Points, options.length_s(), seed)?;
     let told = std::cell::RefCell::new(watcher);
     let points =
         simulate_points(&facility, &options, None, |done| told.borrow_mut().done(done, options.exposures))?;

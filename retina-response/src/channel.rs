@@ -1,15 +1,14 @@
 //! The response of one channel, from its readings.
 
-use std::path::PathBuf;
-
 use retina_files::InputError;
+use retina_formats::{Channel, ChannelCurve, SourceFile};
 
 use crate::fit::power_law_start;
 use crate::fit::{Constants, Fit, quadratic};
 use crate::knots::choose;
 use crate::monotone::falls;
 use crate::noise::{self, Noise};
-use crate::readings::{Channel, Reading, lit_counts};
+use crate::readings::{Reading, lit_counts};
 use crate::spline::{Basis, COUNTS};
 
 /// A value and its standard deviation.
@@ -58,8 +57,6 @@ pub struct ChannelResponse {
 
 /// What the rows of a power law's covariance are, as files name them; the last only where it was fitted.
 pub(crate) const COVARIANCE_OF: [&str; 4] = ["ln_lit_full_w_m2", "gamma", "dark_w_m2", "zero_w_m2"];
-/// The light at count 0 among them.
-const COVARIANCE_DARK: usize = 2;
 
 /// gamma, black and zero that correlate beyond this are one unknown in all but name.
 const INSEPARABLE: f64 = 0.98;
@@ -75,15 +72,11 @@ impl ChannelResponse {
     ///
     /// # Errors
     /// Readings that no rising response explains: negative, light in the dark, falling with the count.
-    pub fn fit(
-        channel: Channel,
-        readings: &[Reading],
-        files: &[(PathBuf, String)],
-    ) -> Result<Self, InputError> {
+    pub fn fit(channel: Channel, readings: &[Reading], files: &[SourceFile]) -> Result<Self, InputError> {
         let name = channel.name();
         let at = |reading: &Reading, problem: String| {
             let (file, line) = reading.place;
-            InputError::new(&files[file].0, problem).cell(line, "irradiance_w_m2")
+            InputError::new(&files[file].path, problem).cell(line, "irradiance_w_m2")
         };
         refuse_early(channel, readings, &at)?;
         let counts = lit_counts(readings);
@@ -115,16 +108,28 @@ impl ChannelResponse {
     /// The same display where a pixel's light at the pupil is `factor` times this. The readings' own figures
     /// (zero, noise) stay.
     pub(crate) fn scaled(mut self, factor: f64) -> Self {
-        let scale = |value: &mut f64| *value *= factor;
-        self.irradiance_w_m2.iter_mut().chain(&mut self.sigma_w_m2).for_each(scale);
+        let mut curve = self.curve();
+        curve.scale(factor);
+        self.irradiance_w_m2 = curve.irradiance_w_m2;
+        self.sigma_w_m2 = curve.sigma_w_m2;
+        self.covariance = curve.covariance;
         self.measured.iter_mut().for_each(|(_, light, sigma)| {
             *light *= factor;
             *sigma *= factor;
         });
         self.full_w_m2 =
             Estimate { value: self.full_w_m2.value * factor, sigma: self.full_w_m2.sigma * factor };
-        scale_covariance(&mut self.covariance, factor);
         self
+    }
+
+    /// Its curve alone.
+    pub(crate) fn curve(&self) -> ChannelCurve {
+        ChannelCurve {
+            irradiance_w_m2: self.irradiance_w_m2.clone(),
+            sigma_w_m2: self.sigma_w_m2.clone(),
+            zero_w_m2: self.zero_w_m2.map(|zero| zero.value),
+            covariance: self.covariance.clone(),
+        }
     }
 
     fn of(
@@ -184,15 +189,6 @@ impl ChannelResponse {
             rms_relative: (relative.iter().sum::<f64>() / relative.len().max(1) as f64).sqrt(),
             measured,
             warnings,
-        }
-    }
-}
-
-/// The covariance where a pixel's light is `factor` times as much.
-pub(crate) fn scale_covariance(covariance: &mut [Vec<f64>], factor: f64) {
-    for (i, row) in covariance.iter_mut().enumerate() {
-        for (j, value) in row.iter_mut().enumerate() {
-            *value *= factor.powi(i32::from(i == COVARIANCE_DARK) + i32::from(j == COVARIANCE_DARK));
         }
     }
 }

@@ -1,9 +1,9 @@
 //! What is said about a calibration: schema `retina.radiometry-calibration/1`, and a short text.
 
+use retina_formats::wavelengths_nm;
 use retina_geometry::Setup;
 use serde_json::{Value, json};
 
-use crate::calibration::wavelengths_nm;
 use crate::channel::COVARIANCE_OF;
 use crate::{Calibrated, ChannelResponse, Estimate, Shown, ShownLight, SpectralForm, Steps};
 
@@ -39,7 +39,7 @@ fn channel(calibrated: &Calibrated, setup: &Setup, fit: &ChannelResponse) -> Val
     let outliers: Vec<Value> = fit
         .outliers
         .iter()
-        .map(|&(file, line)| json!({ "file": calibrated.readings.files[file].0, "line": line }))
+        .map(|&(file, line)| json!({ "file": calibrated.readings.files[file].path, "line": line }))
         .collect();
     json!({
         "wavelength_nm": wavelengths_nm(setup)[c],

@@ -2,9 +2,9 @@
 //! power meter at the camera's pupil become the response of each channel with its uncertainty, and that
 //! becomes digital counts for magnitudes.
 //!
-//! - [`PowerReadings`]: `power.csv`, checked.
+//! - [`PowerReadings`]: the readings by channel, checked.
 //! - [`ChannelResponse`]: a pixel's irradiance against digital count, rising, with its uncertainty.
-//! - [`RadiometricCalibration`]: the three channels, the sensor's efficiencies, the file `calibration.toml`.
+//! - [`Calibrated`]: the three channels fitted, and the record that `calibration.toml` keeps of them.
 //! - [`ShownLight`]: magnitudes to digital counts and back; mixtures of channels, several pixels.
 //! - [`SpectralForm`]: eq. 8 beside eq. 10.
 //! - [`figures`], [`report_page`]: Figs. 6 and 7.
@@ -24,15 +24,11 @@ mod shown;
 mod spectral;
 mod spline;
 
-pub use calibration::{
-    Additivity, Calibrated, ChannelCurve, FAINTEST_ERROR_MAG, MagnitudeRange, RadiometricCalibration,
-    efficiencies, quantum_efficiency, wavelengths_nm,
-};
+pub use calibration::{Additivity, Calibrated};
 pub use channel::{ChannelResponse, Estimate};
 pub use document::{json_document, summary};
-pub use file::{calibration_text, screen_response};
 pub use noise::Noise;
 pub use plot::{figures, report_page};
-pub use readings::{Channel, PowerReadings, Reading};
+pub use readings::{PowerReadings, Reading};
 pub use shown::{Shown, ShownLight, Steps};
 pub use spectral::{SpectralForm, StarForm};

@@ -1,10 +1,10 @@
 //! Figures 6 and 7 of the paper, of this facility.
 
+use retina_formats::Channel;
 use retina_plot::{Anchor, Axis, Colour, Figure, PALETTE, Panel, Style};
-
 use retina_report::{Page, Section};
 
-use crate::{Calibrated, Channel};
+use crate::Calibrated;
 
 const PANEL_PX: [f64; 2] = [560.0, 400.0];
 /// Half length of an error bar.
@@ -12,9 +12,10 @@ const ERROR_SIGMAS: f64 = 1.0;
 
 fn colour(channel: Channel) -> Colour {
     match channel {
-        Channel::Red => PALETTE[1],
-        Channel::Green => PALETTE[2],
-        Channel::Blue => PALETTE[0],
+        Channel::R => PALETTE[1],
+        Channel::G => PALETTE[2],
+        Channel::B => PALETTE[0],
+        Channel::W => Colour::INK,
     }
 }
 
@@ -87,7 +88,7 @@ pub fn report_page(calibrated: &Calibrated, summary: &[String]) -> Page {
         .iter()
         .flat_map(|fit| fit.warnings.iter().map(|text| format!("{}: {text}", fit.channel.name())))
         .collect();
-    let files = calibrated.readings.files.iter().map(|(path, hash)| (path.as_path(), hash.as_str()));
+    let files = calibrated.readings.files.iter().map(|file| (file.path.as_path(), file.blake3.as_str()));
     Page::new(
         "calibrate radiometry",
         &format!("Radiometric calibration of {}", calibrated.calibration.setup),

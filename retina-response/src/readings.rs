@@ -1,34 +1,9 @@
-//! `power.csv`: readings of a power meter at the camera's pupil, and what is refused among them.
+//! Readings of a power meter by channel, and what a radiometric calibration refuses among them.
 
 use std::path::{Path, PathBuf};
 
-use retina_files::{InputError, Table, hash_file};
-
-/// A colour channel of the display.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Channel {
-    /// Red.
-    Red,
-    /// Green.
-    Green,
-    /// Blue.
-    Blue,
-}
-
-impl Channel {
-    /// Red, green, blue.
-    pub const ALL: [Self; 3] = [Self::Red, Self::Green, Self::Blue];
-
-    /// As files name it.
-    pub fn letter(self) -> &'static str {
-        ["r", "g", "b"][self as usize]
-    }
-
-    /// As people name it.
-    pub fn name(self) -> &'static str {
-        ["red", "green", "blue"][self as usize]
-    }
-}
+use retina_files::InputError;
+use retina_formats::{Channel, PowerRow, PowerTable, SourceFile};
 
 /// A reading: an N x N square of pixels at one count, or none lit.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,8 +35,8 @@ impl Reading {
 /// The readings of one or more tables, by channel.
 #[derive(Debug, Clone)]
 pub struct PowerReadings {
-    /// The tables, with the BLAKE3 of each.
-    pub files: Vec<(PathBuf, String)>,
+    /// The tables.
+    pub files: Vec<SourceFile>,
     /// Red, green, blue.
     pub channels: [Vec<Reading>; 3],
     /// All three channels at one count.
@@ -79,42 +54,27 @@ impl PowerReadings {
     /// # Errors
     /// A cell that does not fit, a channel that is missing, too few counts.
     pub fn read(paths: &[PathBuf]) -> Result<Self, InputError> {
-        let mut all = Self { files: Vec::new(), channels: Default::default(), white: Vec::new() };
-        for (index, path) in paths.iter().enumerate() {
-            let hash = hash_file(path)?;
-            if let Some((other, _)) = all.files.iter().find(|(_, other)| *other == hash) {
-                return Err(InputError::new(path, "the table is given twice")
-                    .found(format!("the same content as {}", other.display()))
-                    .help("readings are taken for independent: give each once"));
+        Self::of(&PowerTable::read(paths)?)
+    }
+
+    /// Of a table at hand.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn of(table: &PowerTable) -> Result<Self, InputError> {
+        let mut all = Self { files: table.files.clone(), channels: Default::default(), white: Vec::new() };
+        for row in &table.rows {
+            let reading = reading(table, row)?;
+            match row.channel {
+                Channel::W => all.white.push(reading),
+                colour => all.channels[colour as usize].push(reading),
             }
-            all.files.push((path.clone(), hash));
-            all.add(index, &Table::read(path)?)?;
         }
-        let file = paths.first().map_or(Path::new("--data"), |path| path.as_path());
-        for channel in Channel::ALL {
+        let file = table.files.first().map_or(Path::new("power readings"), |file| &file.path);
+        for channel in Channel::COLOURS {
             all.check_channel(file, channel)?;
         }
         Ok(all)
-    }
-
-    fn add(&mut self, file: usize, table: &Table) -> Result<(), InputError> {
-        table.require(&["channel", "digital_count", "square_px", "irradiance_w_m2"])?;
-        for row in 0..table.len() {
-            let reading = read_row(file, table, row)?;
-            match table.text(row, "channel") {
-                "r" => self.channels[0].push(reading),
-                "g" => self.channels[1].push(reading),
-                "b" => self.channels[2].push(reading),
-                "w" => self.white.push(reading),
-                other => {
-                    return Err(InputError::new(table.file(), "the channel is not known")
-                        .cell(table.line(row), "channel")
-                        .found(format!("`{other}`"))
-                        .expected("`r`, `g`, `b`, or `w` for all three"));
-                }
-            }
-        }
-        Ok(())
     }
 
     fn check_channel(&self, file: &Path, channel: Channel) -> Result<(), InputError> {
@@ -146,40 +106,32 @@ pub(crate) fn lit_counts(readings: &[Reading]) -> Vec<usize> {
     counts
 }
 
-fn read_row(file: usize, table: &Table, row: usize) -> Result<Reading, InputError> {
-    let whole = |column: &str, most: f64, expected: &str| {
-        let value = table.number(row, column)?;
+fn reading(table: &PowerTable, row: &PowerRow) -> Result<Reading, InputError> {
+    let whole = |value: f64, column: &str, most: f64, expected: &str| {
         if value.fract() == 0.0 && (0.0..=most).contains(&value) {
             return Ok(value);
         }
-        Err(InputError::new(table.file(), "the value is out of range")
-            .cell(table.line(row), column)
+        Err(table
+            .refused(row, "the value is out of range", column)
             .found(value)
             .expected(expected)
             .help("are `digital_count`, `square_px` and `irradiance_w_m2` in each other's places?"))
     };
-    let count = whole("digital_count", 255.0, "a whole number from 0 to 255")?;
-    let square_px = whole("square_px", 16_384.0, "a whole number of pixels, 0 for a dark reading")?;
-    let irradiance_w_m2 = table.number(row, "irradiance_w_m2")?;
-    if irradiance_w_m2.abs() > BRIGHTEST_W_M2 {
-        return Err(InputError::new(table.file(), "the irradiance is beyond any display's")
-            .cell(table.line(row), "irradiance_w_m2")
-            .found(irradiance_w_m2)
+    let count = whole(row.digital_count, "digital_count", 255.0, "a whole number from 0 to 255")?;
+    let square_px =
+        whole(row.square_px, "square_px", 16_384.0, "a whole number of pixels, 0 for a dark reading")?;
+    if row.irradiance_w_m2.abs() > BRIGHTEST_W_M2 {
+        return Err(table
+            .refused(row, "the irradiance is beyond any display's", "irradiance_w_m2")
+            .found(row.irradiance_w_m2)
             .expected(format!("W m^-2 at the camera's pupil, below {BRIGHTEST_W_M2}"))
             .help("is the column in W m^-2, and not a digital count, milliwatts or microwatts?"));
-    }
-    let sigma_w_m2 = table.number_or_empty(row, "sigma_w_m2")?;
-    if let Some(sigma) = sigma_w_m2.filter(|&sigma| sigma <= 0.0) {
-        return Err(InputError::new(table.file(), "the uncertainty is not positive")
-            .cell(table.line(row), "sigma_w_m2")
-            .found(sigma)
-            .expected("a standard deviation above 0, or an empty cell"));
     }
     Ok(Reading {
         count: count as usize,
         square_px,
-        irradiance_w_m2,
-        sigma_w_m2,
-        place: (file, table.line(row)),
+        irradiance_w_m2: row.irradiance_w_m2,
+        sigma_w_m2: row.sigma_w_m2,
+        place: (row.file, row.line),
     })
 }

@@ -1,8 +1,7 @@
 //! Magnitudes to digital counts and back: equal counts, mixtures of channels, several pixels.
 
+use retina_formats::RadiometricCalibration;
 use retina_radiometry::{DigitalCounts, irradiance_of_magnitude_w_m2_nm, magnitude_of_irradiance};
-
-use crate::RadiometricCalibration;
 
 /// Counts by which the channels of a mixture may differ.
 const SPREAD: u8 = 3;

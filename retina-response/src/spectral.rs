@@ -1,9 +1,7 @@
 //! Eq. 8 in full beside eq. 10: the display's lines have a width, and stars a colour.
 
+use retina_formats::{RadiometricCalibration, quantum_efficiency, wavelengths_nm};
 use retina_geometry::Setup;
-
-use crate::RadiometricCalibration;
-use crate::calibration::{quantum_efficiency, wavelengths_nm};
 
 /// Second radiation constant h c / k, nm K (SI, exact).
 const C2_NM_K: f64 = 1.438_776_877e7;

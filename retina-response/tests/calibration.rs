@@ -7,11 +7,11 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use common::{TRUTH, Truth, plan, readings, write_table};
-use retina_geometry::{Calibration, Setup};
+use retina_formats::{Calibration, CalibrationFile, MeasuredResponse, RadiometricCalibration};
+use retina_geometry::Setup;
 use retina_radiometry::{ZERO_MAGNITUDE_W_M2_NM, irradiance_of_magnitude_w_m2_nm};
 use retina_response::{
-    Calibrated, PowerReadings, RadiometricCalibration, ShownLight, SpectralForm, calibration_text,
-    json_document, report_page, screen_response, summary,
+    Calibrated, PowerReadings, ShownLight, SpectralForm, json_document, report_page, summary,
 };
 
 fn setup(name: &str) -> Setup {
@@ -33,7 +33,7 @@ fn calibrated(folder: &Path) -> Calibrated {
     let drawn: Vec<_> =
         truths().iter().enumerate().map(|(c, t)| readings(t, &plan(), c as u64, true)).collect();
     write_table(&table, [&drawn[0], &drawn[1], &drawn[2]]);
-    RadiometricCalibration::fit(&setup("wide-fov.toml"), PowerReadings::read(&[table]).unwrap()).unwrap()
+    Calibrated::fit(&setup("wide-fov.toml"), PowerReadings::read(&[table]).unwrap()).unwrap()
 }
 
 /// Eq. 10 with the truths, by hand, over the bandwidth; above the black.
@@ -120,21 +120,25 @@ fn the_file_is_read_back_and_keeps_what_it_held() {
                 [distortion]\nterms = [[1, 0, 1, 0], [0, 1, 0, 1], [3, 0, 1e-3, 0]]\n";
     std::fs::write(&path, held).unwrap();
     assert_eq!(RadiometricCalibration::read(&path, &wide).unwrap(), None);
-    std::fs::write(&path, calibration_text(&path, &made, &wide).unwrap()).unwrap();
+    let stored = |made: &Calibrated, setup: &Setup| {
+        CalibrationFile::read_or_new(&path, setup)
+            .map(|file| CalibrationFile { response: Some(made.record(&wide)), ..file })
+    };
+    stored(&made, &wide).unwrap().write(&path).unwrap();
     assert_eq!(RadiometricCalibration::read(&path, &wide).unwrap().unwrap(), made.calibration);
-    assert!(screen_response(&path, &wide).unwrap().is_some());
+    assert!(MeasuredResponse::read(&path, &wide).unwrap().is_some());
     let geometry = Calibration::read(&path, &wide).unwrap();
     assert_eq!(geometry.source, "stars");
     // The same tables again give the same bytes.
     let text = std::fs::read_to_string(&path).unwrap();
-    assert_eq!(calibration_text(&path, &made, &wide).unwrap(), text);
+    assert_eq!(stored(&made, &wide).unwrap().text(), text);
     assert!(text.contains("power.csv") && !text.contains(folder.path().to_str().unwrap()));
 
     let narrow = setup("narrow-fov.toml");
     let error = RadiometricCalibration::read(&path, &narrow).unwrap_err();
     assert!(error.to_string().contains("belongs to another setup"), "{error}");
     let other = made.for_setup(&wide, &narrow).unwrap();
-    let error = calibration_text(&path, &other, &wide).unwrap_err();
+    let error = stored(&other, &narrow).unwrap_err();
     assert!(error.to_string().contains("found `wide-fov`, expected `narrow-fov`"), "{error}");
     assert!(error.help.unwrap().contains("--for-setup"));
     let mut sensor = wide.clone();
@@ -221,8 +225,7 @@ fn white_is_compared_with_its_channels() {
         text += &format!("w,{count},200,{},\n", 4e4 * 0.98 * sum + TRUTH.zero_w_m2);
     }
     std::fs::write(&table, text).unwrap();
-    let found =
-        RadiometricCalibration::fit(&setup("wide-fov.toml"), PowerReadings::read(&[table]).unwrap()).unwrap();
+    let found = Calibrated::fit(&setup("wide-fov.toml"), PowerReadings::read(&[table]).unwrap()).unwrap();
     let additivity = found.additivity.unwrap();
     assert_eq!(additivity.readings, 6);
     assert!((additivity.ratio - 0.98).abs() < 0.003, "{additivity:?}");

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use retina_files::{InputError, hash_bytes, hash_file, parse_schema, read_text};
-use retina_geometry::{Calibration, Setup};
+use retina_formats::{Calibration, CalibrationFile, MeasuredResponse};
+use retina_geometry::Setup;
 use retina_model::{external_files, load_body};
 use retina_radiometry::ScreenResponse;
 use retina_render::Quality;
-use retina_response::screen_response;
 use retina_screen::Quantisation;
 use retina_sky::catalogue::StarCatalogue;
 use retina_sky::ephemeris::Ephemeris;
@@ -118,7 +118,7 @@ impl Scene {
             return Err(InputError::new(&self.file, "shows no facility: there is nothing to compensate"));
         };
         let read = Calibration::read(calibration, setup)?;
-        self.response = screen_response(calibration, setup)?;
+        self.response = read.response.map(|measured| measured.curve);
         (self.distortion, self.inverse) = match mode {
             Compensation::None => (None, None),
             _ => (Some(read.distortion), read.inverse),
@@ -184,12 +184,14 @@ fn calibration(
         return Ok((None, None));
     };
     let named = |error: InputError| error.named_by(path, "compensation.calibration");
-    let response = screen_response(&calibration, setup).map_err(named)?;
+    let contents = CalibrationFile::read(&calibration, setup).map_err(named)?;
+    let response = MeasuredResponse::of_file(&contents, &calibration, setup).map_err(named)?;
+    let response = response.map(|measured| measured.curve);
     input("calibration".into(), hash_file(&calibration)?);
     if response.is_some() && !compensates {
         return Ok((None, response));
     }
-    let read = Calibration::read(&calibration, setup).map_err(named)?;
+    let read = Calibration::of_file(contents, &calibration, setup).map_err(named)?;
     Ok((compensates.then_some(read), response))
 }
 

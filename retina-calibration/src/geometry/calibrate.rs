@@ -4,8 +4,9 @@ use glam::DVec2;
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use retina_files::InputError;
+use retina_formats::{MeasuredResponse, PointsTable, ResponseRecord, measured_or_power_law};
 use retina_geometry::{InverseDistortion, Setup};
-use retina_radiometry::{ScreenResponse, magnitude_of_irradiance};
+use retina_radiometry::magnitude_of_irradiance;
 
 use super::checks::check;
 use super::direct::{self, DirectFit};
@@ -16,7 +17,6 @@ use super::noise::{Robust, Weights};
 use super::observations::Observations;
 use super::physical::PhysicalFit;
 use super::select::{self, Rung};
-use super::table::PointsTable;
 
 /// What is asked of a calibration.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -28,19 +28,16 @@ pub struct CalibrateOptions {
     /// log10 of the irradiance (relative to white at full count) at which D is given; the points' median where absent.
     pub reference_log10_irradiance: Option<f64>,
     /// The display's measured response; the setup's power law where absent.
-    pub response: Option<ScreenResponse>,
-}
-
-/// A measured response, or the setup's power law.
-pub(super) fn response_or_power_law(measured: Option<&ScreenResponse>, setup: &Setup) -> ScreenResponse {
-    measured
-        .cloned()
-        .unwrap_or_else(|| ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude()))
+    pub response: Option<MeasuredResponse>,
 }
 
 /// The result of a calibration.
 #[derive(Debug, Clone)]
 pub struct GeometryCalibration {
+    /// The measured response by which L was computed; the setup's power law where absent.
+    pub response: Option<ResponseRecord>,
+    /// What the user ought to look into.
+    pub warnings: Vec<String>,
     /// The form of D^-1.
     pub form: ModelForm,
     /// Terms of D^-1: powers of x, y, L.
@@ -115,7 +112,7 @@ fn check_reference(
     if (low..=high).contains(&reference) {
         return Ok(());
     }
-    let file = table.files.first().map(|(path, _)| path.clone()).unwrap_or_default();
+    let file = table.files.first().map(|file| file.path.clone()).unwrap_or_default();
     Err(InputError::new(&file, "no point is as bright or as faint as the reference for D")
         .found(format!("log10 irradiance {reference}"))
         .expected(format!("{low:.3} to {high:.3}, the points'")))
@@ -134,7 +131,7 @@ pub fn calibrate(
     setup: &Setup,
     options: &CalibrateOptions,
 ) -> Result<GeometryCalibration, InputError> {
-    let response = response_or_power_law(options.response.as_ref(), setup);
+    let response = measured_or_power_law(options.response.as_ref().map(|measured| &measured.curve), setup);
     let mut observations = Observations::of(table, setup, &response);
     check(table, &observations, setup)?;
     check_reference(table, &observations, options)?;
@@ -143,7 +140,7 @@ pub fn calibrate(
     if heldout_by_points {
         observations.part_at_random();
     }
-    let file = table.files.first().map(|(path, _)| path.clone()).unwrap_or_default();
+    let file = table.files.first().map(|file| file.path.clone()).unwrap_or_default();
     let undetermined = || {
         InputError::new(&file, "the points do not determine the mapping")
             .found(format!("{} unsaturated points in {exposures} exposures", observations.len()))
@@ -206,15 +203,18 @@ pub fn calibrate(
     let change = scaling.monomials_from_basis(&fit.terms);
     let matrix = faer::Mat::<f64>::from_fn(n, n, |i, j| change[i * n + j]);
     let covariance = &matrix * &fit.covariance * matrix.transpose();
+    let physical = PhysicalFit::fit(&observations, &steady, &weights);
     Ok(GeometryCalibration {
         form,
+        response: options.response.as_ref().map(|measured| measured.record.clone()),
+        warnings: warnings(&inverse, setup),
         coefficients: inverse.terms.iter().map(|term| term.1).collect(),
         covariance: (0..n * n).map(|at| reduced * covariance[(at / n, at % n)]).collect(),
         terms: fit.terms,
         reference_log10_irradiance: reference,
         brightest_magnitude: magnitude_of_irradiance(response.brightest_w_m2_nm()),
         range_log10_irradiance: inverse.range_log10_irradiance,
-        physical: PhysicalFit::fit(&observations, &steady, &weights),
+        physical,
         direct,
         ladder,
         rows: table.rows.len(),
@@ -227,6 +227,23 @@ pub fn calibrate(
         heldout_by_points,
         points,
     })
+}
+
+/// A scale that is farther from 1 than this is more likely another camera or magnification than K_f's error.
+const LIKELY_SCALE: f64 = 0.05;
+
+/// What the mapping says of the setup.
+fn warnings(inverse: &InverseDistortion, setup: &Setup) -> Vec<String> {
+    let scale = inverse.jacobian(DVec2::ZERO, inverse.reference_log10_irradiance).determinant().abs().sqrt();
+    if (scale - 1.0).abs() <= LIKELY_SCALE {
+        return Vec::new();
+    }
+    vec![format!(
+        "the screen shows lines of sight at {scale:.4} times the scale of setup `{}`: K_f is {:.1} % off. Is it the setup \
+         of these points (camera, focal length, pixel pitch, observed_rows_px)?",
+        setup.name,
+        100.0 * (1.0 - scale).abs()
+    )]
 }
 
 /// Points that the first weights are found with: outliers and noise show in these as well as in more.

@@ -2,10 +2,10 @@
 
 use glam::{DMat2, DVec2};
 use retina_files::InputError;
+use retina_formats::{PointRow, PointsTable};
 use retina_geometry::Setup;
 
 use super::observations::Observations;
-use super::table::PointsTable;
 
 /// Fewest unsaturated points.
 const FEWEST_POINTS: usize = 20;
@@ -25,35 +25,15 @@ pub(crate) fn check(
     observations: &Observations,
     setup: &Setup,
 ) -> Result<(), InputError> {
-    let file = table.files.first().map(|(path, _)| path.clone()).unwrap_or_default();
+    let file = table.files.first().map(|file| file.path.clone()).unwrap_or_default();
     let error = |problem: &str| InputError::new(&file, problem);
-    let (width, height) = (f64::from(setup.screen.width_px), f64::from(setup.screen.height_px));
-    for row in &table.rows {
-        // Swapped columns are told of below; here only what is no pixel at all.
-        let most = 4.0 * f64::from(setup.camera.width_px.max(setup.camera.height_px));
-        for (column, value) in [("camera_x_px", row.camera_px.x), ("camera_y_px", row.camera_px.y)] {
-            if value.abs() > most {
-                return Err(error("the point is nowhere near the sensor")
-                    .cell(row.line, column)
-                    .found(value)
-                    .expected(format!(
-                        "pixels of the camera of setup `{}`, {} x {}",
-                        setup.name, setup.camera.width_px, setup.camera.height_px
-                    ))
-                    .help("is this another camera's table, or a column in another unit?"));
-            }
-        }
-        for (column, value, size) in
-            [("screen_x_px", row.screen_px.x, width), ("screen_y_px", row.screen_px.y, height)]
-        {
-            if !(0.0..=size).contains(&value) {
-                return Err(error("the point is not on the screen")
-                    .cell(row.line, column)
-                    .found(value)
-                    .expected(format!("0 to {size}, the screen of setup `{}`", setup.name))
-                    .help("are screen_x_px and screen_y_px swapped, or is this another setup's table?"));
-            }
-        }
+    let roll = |row: &PointRow| row.camera_roll_deg;
+    if let Some(other) = table.rows.iter().find(|row| roll(row) != roll(&table.rows[0])) {
+        return Err(table
+            .refused(other, "the camera was rolled between exposures", "camera_roll_deg")
+            .found(roll(other).map_or("an empty cell".to_owned(), |roll| roll.to_string()))
+            .expected("one roll of the camera in a table")
+            .help("calibrate each roll of the camera by itself: parts of the mapping turn with it"));
     }
     if observations.len() == 0 {
         return Err(error("every point is saturated")
@@ -73,7 +53,9 @@ pub(crate) fn check(
                 .help("a calibration needs points over the whole field"));
         }
     }
-    check_similarity(&file, observations)
+    check_similarity(&file, observations)?;
+    // Last: a table whose columns are swapped lies outside the sensor, too, and was named above.
+    table.check_setup(setup)
 }
 
 /// Extent of points across their main direction over that along it.

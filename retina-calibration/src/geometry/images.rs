@@ -1,16 +1,17 @@
 //! Camera images of a pattern to a table of points.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glam::DVec2;
 use rayon::prelude::*;
 use retina_files::{InputError, Table, hash_file};
+use retina_formats::{ExtraColumn, PointRow, PointsTable, SourceFile};
 use retina_geometry::Setup;
 use retina_image::{CameraImage, DetectOptions, LightPoint, ReadOptions, detect_points};
 
 use super::pattern::Pattern;
 use super::recognise::{LOG10_CHANCE_LIMIT, Recognition, recognise};
-use super::table::{PointRow, PointsTable};
 
 /// What became of an image.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,7 +31,12 @@ struct ImageEntry {
     file: PathBuf,
     screen: usize,
     exposure_s: Option<f64>,
-    extra: Vec<String>,
+    time_s: Option<f64>,
+    temperature_c: Option<f64>,
+    camera_roll_deg: Option<f64>,
+    series: Option<Arc<str>>,
+    /// Values of the columns that the schema does not name; NaN where not measured.
+    extra: Vec<f64>,
 }
 
 /// Finds the pattern's points in every image of a folder: images with the same stem as the screens, or those that
@@ -52,15 +58,19 @@ pub fn points_from_images(
         .map(|(image, entry)| rows_of(image, entry, &pattern, setup, detect))
         .collect();
     let list = pattern_folder.join("pattern.csv");
-    let mut table = PointsTable { extra_columns, ..PointsTable::default() };
-    table.files.push((list.clone(), hash_file(&list)?));
+    let extra = extra_columns.into_iter().map(|name| ExtraColumn { name, values: Vec::new() });
+    let mut table = PointsTable { extra: extra.collect(), ..PointsTable::default() };
+    table.files.push(source(&list)?);
     let mut reports = Vec::new();
     for (entry, done) in entries.iter().zip(done) {
         let (rows, report) = done?;
-        table.files.push((entry.file.clone(), hash_file(&entry.file)?));
+        table.files.push(source(&entry.file)?);
         table
             .images
             .push(entry.file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default());
+        for (column, value) in table.extra.iter_mut().zip(&entry.extra) {
+            column.values.extend(std::iter::repeat_n(*value, rows.len()));
+        }
         table.rows.extend(rows);
         reports.push(report);
     }
@@ -97,7 +107,16 @@ fn entries(images: &Path, pattern: &Pattern) -> Result<(Vec<ImageEntry>, Vec<Str
     for file in files {
         let of = |screen: &super::pattern::PatternScreen| stem(Path::new(&screen.file)) == stem(&file);
         if let Some(screen) = pattern.screens.iter().position(of) {
-            out.push(ImageEntry { file, screen, exposure_s: None, extra: Vec::new() });
+            out.push(ImageEntry {
+                file,
+                screen,
+                exposure_s: None,
+                time_s: None,
+                temperature_c: None,
+                camera_roll_deg: None,
+                series: None,
+                extra: Vec::new(),
+            });
         }
     }
     if out.is_empty() {
@@ -114,7 +133,7 @@ fn listed(
 ) -> Result<(Vec<ImageEntry>, Vec<String>), InputError> {
     let table = Table::read(list)?;
     table.require(&["image", "screen"])?;
-    let own = ["image", "screen", "exposure_s"];
+    let own = ["image", "screen", "exposure_s", "time_s", "temperature_c", "camera_roll_deg", "series"];
     let extra: Vec<String> = table.columns().iter().filter(|c| !own.contains(&c.as_str())).cloned().collect();
     let mut out: Vec<ImageEntry> = Vec::new();
     for row in 0..table.len() {
@@ -139,19 +158,27 @@ fn listed(
                         pattern.screens.last().map_or("", |s| s.file.as_str())
                     ))
             })?;
-        let mut cells = Vec::new();
-        for column in &extra {
-            if column != "series" {
-                table.number_or_empty(row, column)?;
-            }
-            cells.push(table.text(row, column).to_owned());
-        }
-        out.push(ImageEntry { file, screen, exposure_s: exposure(&table, row)?, extra: cells });
+        let number = |column: &str| table.number_or_empty(row, column);
+        let extra = extra.iter().map(|column| Ok(number(column)?.unwrap_or(f64::NAN)));
+        out.push(ImageEntry {
+            file,
+            screen,
+            exposure_s: exposure(&table, row)?,
+            time_s: number("time_s")?,
+            temperature_c: number("temperature_c")?,
+            camera_roll_deg: number("camera_roll_deg")?,
+            series: Some(table.text(row, "series")).filter(|text| !text.is_empty()).map(Arc::from),
+            extra: extra.collect::<Result<_, InputError>>()?,
+        });
     }
     if out.is_empty() {
         return Err(InputError::new(list, "lists no image"));
     }
     Ok((out, extra))
+}
+
+fn source(path: &Path) -> Result<SourceFile, InputError> {
+    Ok(SourceFile { path: path.to_path_buf(), blake3: hash_file(path)?, setup: None, note: None, rows: 0 })
 }
 
 fn exposure(table: &Table, row: usize) -> Result<Option<f64>, InputError> {
@@ -190,8 +217,14 @@ fn rows_of(
         detected: found.points.len(),
         recognised: recognition.map(|r| (rows.len(), r.log10_chance)),
     };
-    let complete =
-        |row: PointRow| PointRow { exposure_s: entry.exposure_s, extra: entry.extra.clone(), ..row };
+    let complete = |row: PointRow| PointRow {
+        exposure_s: entry.exposure_s,
+        time_s: entry.time_s,
+        temperature_c: entry.temperature_c,
+        camera_roll_deg: entry.camera_roll_deg,
+        series: entry.series.clone(),
+        ..row
+    };
     Ok((rows.into_iter().map(complete).collect(), report))
 }
 
@@ -210,18 +243,12 @@ pub fn match_points(
     let row = |&(i, j): &(usize, usize)| {
         let point = &points[j];
         (!point.blended).then(|| PointRow {
-            image,
-            screen_px: places[i],
-            digital_count: f64::from(shown[i].digital_count),
             channel: pattern.channel,
-            camera_px: seen[j],
             sigma_px: Some(point.sigma_px),
-            exposure_s: None,
             flux_dn: Some(point.flux_dn),
             saturated: point.saturated,
             row_load: Some(pattern.row_load(screen, shown[i].row, setup.screen.width_px)),
-            extra: Vec::new(),
-            line: 0,
+            ..PointRow::new(image, places[i], f64::from(shown[i].digital_count), seen[j])
         })
     };
     (recognition.pairs.iter().filter_map(row).collect(), Some(recognition))

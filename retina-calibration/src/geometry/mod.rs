@@ -1,6 +1,5 @@
 //! The facility's geometric calibration (paper, eqs. 11-15, Figs. 9-11).
 //!
-//! - [`PointsTable`]: displayed points and their measured centroids, `points.csv`.
 //! - [`calibrate`]: D^-1 with terms in the irradiance by robust linear least squares, its form chosen on exposures
 //!   left out, and D at a reference irradiance.
 //! - [`Pattern`]: calibration screens; [`points_from_images`]: their points in the camera's images.
@@ -24,9 +23,9 @@ mod pattern;
 mod physical;
 mod plots;
 mod recognise;
+mod record;
 mod report;
 mod select;
-mod table;
 mod warping;
 
 pub use calibrate::{CalibrateOptions, GeometryCalibration, PointResult, calibrate};
@@ -34,12 +33,11 @@ pub use direct::DirectFit;
 pub use errors::ErrorSummary;
 pub use form::{ModelForm, Term};
 pub use images::{ImageReport, match_points, points_from_images};
-pub use observations::log10_irradiance;
-pub use output::{text_summary, to_json, write_calibration, write_residuals};
+pub use output::{text_summary, to_json, write_residuals};
 pub use pattern::{Pattern, PatternOptions, PatternPoint, PatternScreen};
 pub use physical::PhysicalFit;
 pub use plots::figures;
 pub use recognise::{LOG10_CHANCE_LIMIT, Recognition, recognise};
+pub use record::write_calibration;
 pub use report::write_report;
 pub use select::Rung;
-pub use table::{Channel, PointRow, PointsTable};

@@ -3,10 +3,9 @@
 use std::ops::Range;
 
 use glam::DVec2;
+use retina_formats::{PointRow, PointsTable, log10_irradiance};
 use retina_geometry::Setup;
 use retina_radiometry::ScreenResponse;
-
-use super::table::{Channel, PointsTable};
 
 /// Unsaturated points, sorted by exposure.
 #[derive(Debug, Clone)]
@@ -27,25 +26,6 @@ pub(crate) struct Observations {
     pub(crate) saturated: usize,
 }
 
-/// L of a digital count: log10 of the irradiance of one pixel relative to white at 255, by the setup's response; a
-/// single channel has its share. Counts between whole ones are interpolated.
-pub fn log10_irradiance(response: &ScreenResponse, channel: Channel, digital_count: f64) -> f64 {
-    let of = |count: f64| {
-        let b = count as u8;
-        let counts = match channel {
-            Channel::R => [b, 0, 0],
-            Channel::G => [0, b, 0],
-            Channel::B => [0, 0, b],
-            Channel::W => [b; 3],
-        };
-        response.irradiance_w_m2_nm(counts)
-    };
-    let low = digital_count.floor().clamp(0.0, 255.0);
-    let high = (low + 1.0).min(255.0);
-    let irradiance = of(low) + (digital_count - low) * (of(high) - of(low));
-    (irradiance / response.brightest_w_m2_nm()).log10()
-}
-
 impl Observations {
     pub(crate) fn of(table: &PointsTable, setup: &Setup, response: &ScreenResponse) -> Self {
         let (facility, camera) = (setup.facility_pinhole(), setup.camera_pinhole());
@@ -55,7 +35,7 @@ impl Observations {
             .iter()
             .map(|&row| log10_irradiance(response, table.rows[row].channel, table.rows[row].digital_count))
             .collect();
-        let all = |has: fn(&super::PointRow) -> bool| order.iter().all(|&row| has(&table.rows[row]));
+        let all = |has: fn(&PointRow) -> bool| order.iter().all(|&row| has(&table.rows[row]));
         let noise_key: Vec<f64> = if all(|row| row.sigma_px.is_some()) {
             order.iter().map(|&row| table.rows[row].sigma_px.unwrap_or(1.0).ln()).collect()
         } else if all(|row| row.flux_dn.is_some_and(|flux| flux > 0.0)) {

@@ -1,9 +1,10 @@
-//! The results as `calibration.toml`, JSON, text and a table of residuals.
+//! The results as JSON, text and a table of residuals.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
-use retina_files::{InputError, parse_toml, read_text, write_atomic};
+use retina_files::{InputError, write_atomic};
+use retina_formats::{PointsTable, csv_text};
 use retina_geometry::Setup;
 use serde_json::{Value, json};
 
@@ -11,144 +12,12 @@ use super::calibrate::GeometryCalibration;
 use super::errors::{ErrorSummary, PERCENTILES};
 use super::form::ModelForm;
 use super::physical::PhysicalFit;
-use super::table::PointsTable;
 
 const ARCSEC_PER_RAD: f64 = 206_264.806_247_096_36;
 
 fn store(path: &Path, text: &str) -> Result<(), InputError> {
     write_atomic(path, text.as_bytes())
         .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
-}
-
-/// The `[response]` of a calibration of this setup that is there already, as text.
-fn kept_response(path: &Path, setup: &Setup) -> Result<Option<String>, InputError> {
-    if !path.exists() {
-        return Ok(None);
-    }
-    let mut file: toml::Table = parse_toml(path, &read_text(path)?)?;
-    let Some(response) = file.remove("response") else { return Ok(None) };
-    let name = file.get("setup").and_then(toml::Value::as_str).unwrap_or("nothing");
-    if name != setup.name {
-        return Err(InputError::new(path, "holds the response of another setup")
-            .at("key `setup`")
-            .found(format!("`{name}`"))
-            .expected(format!("`{}`", setup.name))
-            .help("give --out another name"));
-    }
-    let kept = toml::Table::from_iter([("response".to_owned(), response)]);
-    let unwritten = |error| InputError::new(path, format!("cannot be put into TOML: {error}"));
-    toml::to_string(&kept).map(Some).map_err(unwritten)
-}
-
-/// `calibration.toml`, schema `retina.calibration/1`: D, D^-1, covariance and provenance. No time stamp: the same
-/// input gives the same bytes.
-///
-/// # Errors
-/// The file cannot be written, or one that is there holds the response of another setup.
-pub fn write_calibration(
-    path: &Path,
-    result: &GeometryCalibration,
-    table: &PointsTable,
-    setup: &Setup,
-) -> Result<(), InputError> {
-    let mut text = String::new();
-    let quoted = |value: &str| toml::Value::String(value.to_owned()).to_string();
-    let numbers = |values: &[f64]| {
-        let cells: Vec<String> = values.iter().map(|v| format!("{v:?}")).collect();
-        format!("[{}]", cells.join(", "))
-    };
-    let _ = writeln!(text, "schema = \"retina.calibration/1\"\nsetup = {}", quoted(&setup.name));
-    let _ = writeln!(
-        text,
-        "source = {}",
-        quoted(&format!(
-            "retina calibrate geometry, {} points in {} exposures",
-            result.errors.points, result.exposures
-        ))
-    );
-    let _ = writeln!(
-        text,
-        "\n# r = D(r_u) at the reference irradiance: rows [i, j, a, b], r_x gains a x^i y^j, r_y b x^i y^j."
-    );
-    let _ = writeln!(
-        text,
-        "# D^-1(D(r_u)) is r_u to {:.2e} arcsec over the calibrated field.",
-        result.direct.worst_arcsec
-    );
-    text.push_str("[distortion]\nterms = [\n");
-    for (i, j, a, b) in &result.direct.terms {
-        let _ = writeln!(text, "  [{i}, {j}, {a:?}, {b:?}],");
-    }
-    text.push_str(
-        "]\n\n# r_u = D^-1(r, L): rows [i, j, k, a, b], x gains a x^i y^j L^k, y gains b x^i y^j L^k;\n",
-    );
-    text.push_str("# L = log10 of the irradiance relative to a white pixel at count 255, held within the range.\n[inverse]\n");
-    let _ = writeln!(text, "reference_log10_irradiance = {:?}", result.reference_log10_irradiance);
-    let _ = writeln!(text, "range_log10_irradiance = {}\nterms = [", numbers(&result.range_log10_irradiance));
-    for ([i, j, k], c) in result.terms.iter().zip(&result.coefficients) {
-        let _ = writeln!(text, "  [{i}, {j}, {k}, {:?}, {:?}],", c.x, c.y);
-    }
-    text.push_str("]\n\n# Of the coefficients a in the order of inverse.terms, and again of b; a and b are independent.\n");
-    text.push_str("# The matrix's lower triangle, row by row.\n[covariance]\nlower_triangle = [\n");
-    let n = result.terms.len();
-    for row in 0..n {
-        let cells: Vec<String> =
-            (0..=row).map(|c| format!("{:.6e}", result.covariance[row * n + c])).collect();
-        let _ = writeln!(text, "  {},", cells.join(", "));
-    }
-    text.push_str("]\n\n[provenance]\n");
-    let (k, c) = (setup.facility_pinhole(), setup.camera_pinhole());
-    let size = [f64::from(c.width_px), f64::from(c.height_px)];
-    let _ = writeln!(text, "software = {}", quoted(concat!("retina ", env!("CARGO_PKG_VERSION"))));
-    let _ = writeln!(text, "# f_x, f_y, c_x, c_y of K_f; of C, and the camera's width and height.");
-    let _ = writeln!(text, "k_f_px = {}", numbers(&[k.fx_px, k.fy_px, k.cx_px, k.cy_px]));
-    let _ =
-        writeln!(text, "camera_px = {}", numbers(&[c.fx_px, c.fy_px, c.cx_px, c.cy_px, size[0], size[1]]));
-    text.push_str("inputs = [\n");
-    for (file, hash) in &table.files {
-        // The name without its folder: the same data elsewhere are the same data.
-        let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        let _ = writeln!(text, "  {{ file = {}, blake3 = \"{hash}\" }},", quoted(&name));
-    }
-    text.push_str("]\n");
-    for (key, value) in [
-        ("rows", result.rows),
-        ("points", result.errors.points),
-        ("outliers", result.outliers),
-        ("saturated", result.saturated),
-        ("exposures", result.exposures),
-    ] {
-        let _ = writeln!(text, "{key} = {value}");
-    }
-    for (key, value) in [
-        ("jitter_arcsec", result.jitter_arcsec),
-        ("rms_arcsec", result.errors.rms_arcsec),
-        ("heldout_rms_arcsec", result.heldout.rms_arcsec),
-        ("inverse_error_arcsec", result.direct.worst_arcsec),
-    ] {
-        let _ = writeln!(text, "{key} = {value:.6}");
-    }
-    let cells: Vec<String> = PERCENTILES
-        .iter()
-        .zip(result.heldout.percentiles_arcsec)
-        .map(|(percent, value)| format!("{percent} = {value:.4}"))
-        .collect();
-    let _ = writeln!(text, "heldout_percentiles_arcsec = {{ {} }}", cells.join(", "));
-    text.push_str("# Forms tried: degree in x and y, degree of L's coefficients, highest power of L, error of exposures\n");
-    text.push_str("# left out (arcsec per axis), standard errors behind the best.\nladder = [\n");
-    for rung in &result.ladder {
-        let ModelForm { degree, irradiance_degree, irradiance_power } = rung.form;
-        let _ = writeln!(
-            text,
-            "  [{degree}, {irradiance_degree}, {irradiance_power}, {:.4}, {:.2}],",
-            rung.heldout_rms_arcsec, rung.behind_best
-        );
-    }
-    text.push_str("]\n");
-    if let Some(response) = kept_response(path, setup)? {
-        let _ = writeln!(text, "\n{response}");
-    }
-    store(path, &text)
 }
 
 fn errors_json(errors: &ErrorSummary) -> Value {
@@ -220,6 +89,7 @@ pub fn to_json(result: &GeometryCalibration, setup: &Setup) -> Value {
         into.extend(errors);
     }
     let rest = json!({
+        "warnings": result.warnings,
         "rows": result.rows,
         "outliers": result.outliers,
         "saturated": result.saturated,
@@ -298,6 +168,9 @@ pub fn text_summary(result: &GeometryCalibration, setup: &Setup) -> String {
         "\nD at log10 irradiance {:.2}: degree {}, undone by D^-1 to {:.1e} arcsec over the field",
         result.reference_log10_irradiance, result.direct.degree, result.direct.worst_arcsec
     );
+    for warning in &result.warnings {
+        let _ = writeln!(text, "warning: {warning}");
+    }
     match &result.physical {
         Some(p) => {
             let k = setup.facility_pinhole();
@@ -339,7 +212,7 @@ pub fn write_residuals(
             text,
             "{},{},{:?},{:?},{:?},{:?},{:?},{:?},{:.6},{:.6},{}",
             point.row,
-            retina_files::csv_cell(&table.images[table.rows[point.row].image]),
+            csv_text(&table.images[table.rows[point.row].image]),
             point.sight.x,
             point.sight.y,
             point.log10_irradiance,

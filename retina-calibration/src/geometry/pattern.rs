@@ -7,13 +7,10 @@ use rand::seq::SliceRandom as _;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use retina_files::{InputError, Table, hash_bytes, read_schema, read_text, write_atomic};
+use retina_formats::{Channel, log10_irradiance, measured_or_power_law};
 use retina_geometry::Setup;
 use retina_radiometry::ScreenResponse;
 use serde::Deserialize;
-
-use super::calibrate::response_or_power_law;
-use super::observations::log10_irradiance;
-use super::table::Channel;
 
 /// What a pattern is to be.
 #[derive(Debug, Clone, PartialEq)]
@@ -95,7 +92,7 @@ impl Pattern {
     /// # Errors
     /// So many points that their spots would merge, or no counts.
     pub fn make(setup: &Setup, options: &PatternOptions) -> Result<Self, InputError> {
-        let response = response_or_power_law(options.response.as_ref(), setup);
+        let response = measured_or_power_law(options.response.as_ref(), setup);
         let magnitude = |count: u8| -2.5 * log10_irradiance(&response, Channel::W, f64::from(count));
         let groups = count_groups(&wanted_counts(options, magnitude), magnitude);
         let brightest =
@@ -149,7 +146,7 @@ impl Pattern {
                     at.x,
                     at.y,
                     point.digital_count,
-                    self.channel.name(),
+                    self.channel.letter(),
                     screen.exposure_ratio
                 ));
             }
@@ -237,7 +234,7 @@ impl Pattern {
         let mut pattern = Self { setup: head.setup, channel: Channel::W, screens: Vec::new() };
         for row in 0..table.len() {
             let file = table.text(row, "screen");
-            pattern.channel = Channel::from_name(table.text(row, "channel")).unwrap_or_default();
+            pattern.channel = Channel::from_letter(table.text(row, "channel")).unwrap_or_default();
             if pattern.screens.last().is_none_or(|screen| screen.file != file) {
                 let exposure_ratio = table.number(row, "exposure_ratio")?;
                 pattern.screens.push(PatternScreen {

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use retina_files::InputError;
+use retina_formats::PointsTable;
 use retina_geometry::Setup;
 use retina_report::{Page, Section};
 
 use super::calibrate::{CalibrateOptions, GeometryCalibration, calibrate};
 use super::output::text_summary;
 use super::plots::figures;
-use super::table::PointsTable;
 
 /// Writes the page: the summary, the plots, and the input files' hashes. The plain polynomial that it is compared with
 /// is fitted here.
@@ -30,6 +30,6 @@ pub fn write_report(
     for (name, svg) in figures(result, &plain) {
         page = page.section(Section::new(name).figure(&svg, ""));
     }
-    let files = table.files.iter().map(|(file, hash)| (file.as_path(), hash.as_str()));
+    let files = table.files.iter().map(|file| (file.path.as_path(), file.blake3.as_str()));
     page.section(Section::new("Input").files(files)).write(path)
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 use glam::DVec2;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use retina_calibration::geometry::{Channel, PointRow, PointsTable};
+use retina_formats::{PointRow, PointsTable};
 use retina_geometry::Setup;
 
 pub(crate) const ARCSEC: f64 = std::f64::consts::PI / 648_000.0;
@@ -94,19 +94,11 @@ impl Facility {
                 if random.random::<f64>() < self.outliers {
                     camera_px = DVec2::new(random.random::<f64>() * width, random.random::<f64>() * height);
                 }
+                // Centroids are measured on the sensor.
+                let camera_px = camera_px.clamp(DVec2::ZERO, DVec2::new(width, height));
                 table.rows.push(PointRow {
-                    image,
-                    screen_px,
-                    digital_count,
-                    channel: Channel::W,
-                    camera_px,
-                    sigma_px: None,
-                    exposure_s: None,
-                    flux_dn: None,
-                    saturated: false,
-                    row_load: None,
-                    extra: Vec::new(),
                     line: table.rows.len() + 2,
+                    ..PointRow::new(image, screen_px, digital_count, camera_px)
                 });
             }
         }

@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use retina_diagnosis::{TableKind, effects, effects_json, effects_page, effects_text};
+use retina_diagnosis::{effects, effects_json, effects_page, effects_text};
 use retina_files::{InputError, nearest};
+use retina_formats::TableKind;
 
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
@@ -40,7 +41,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     });
     let mut list = effects(kind);
     if let Some(id) = &arguments.effect {
-        let ids: Vec<&str> = list.iter().map(|effect| effect.id).collect();
+        let ids: Vec<&str> = list.iter().map(|effect| effect.name()).collect();
         if !ids.contains(&id.as_str()) {
             let error = InputError::new("EFFECT", "is no effect of the catalogue").found(format!("`{id}`"));
             let near = nearest(id, ids.iter().copied());
@@ -50,7 +51,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             }
             .into());
         }
-        list.retain(|effect| effect.id == id);
+        list.retain(|effect| effect.name() == id);
     }
     if let Some(path) = &arguments.report {
         crate::check_file(path, "html")?;

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use retina_calibration::geometry::PointsTable;
-use retina_diagnosis::{TableKind, fit, fit_json, fit_page, fit_text, write_model, write_predictions};
+use retina_diagnosis::{fit, fit_json, fit_page, fit_text, write_model, write_predictions};
 
 use retina_files::InputError;
+use retina_formats::{Measurements, TableKind};
 use retina_report::Page;
 
 use super::workbench::{Input, Material};
@@ -48,9 +48,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .into());
     }
     let result = fit(data, &added)?;
-    if let (Some(path), Material::Table(setup, _)) = (&arguments.out, &material) {
-        let table = PointsTable::read(&data.files)?;
-        let rms_arcsec = write_model(path, data, &result, &added, setup, &table)?;
+    if let (Some(path), Material::Table(material)) = (&arguments.out, &material)
+        && let Measurements::Points(table) = &material.tables
+    {
+        let held = material.calibration.as_ref();
+        let rms_arcsec = write_model(path, data, &result, &added, &material.setup, table, held)?;
         tell!("the model's polynomials are {rms_arcsec:.2e} arcsec rms from its predictions");
     }
     if let Some(path) = &arguments.predictions {

@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use retina_calibration::geometry::{Channel, Pattern, PatternOptions};
+use retina_calibration::geometry::{Pattern, PatternOptions};
+use retina_formats::Channel;
 use retina_geometry::Setup;
 use serde_json::json;
 
@@ -62,7 +63,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             ChannelName::W => Channel::W,
         },
         seed: arguments.seed,
-        response: arguments.response.as_deref().map(|path| measured_response(path, &setup)).transpose()?,
+        response: match &arguments.response {
+            Some(path) => Some(measured_response(path, &setup)?.curve),
+            None => None,
+        },
     };
     let pattern = Pattern::make(&setup, &options)?;
     pattern.write(&arguments.out, &setup, options.seed)?;

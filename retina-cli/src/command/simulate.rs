@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use retina_bench::OpticsDetail;
-use retina_calibration::geometry::Channel;
 use retina_campaign::{
-    Effect, Facility, FramesOptions, PointsOptions, PowerOptions, PowerReading, StarsOptions, Table,
-    TemperatureProfile, known_effects, simulate_frames, simulate_points, simulate_power, simulate_stars,
+    Effect, Facility, FramesOptions, PointsOptions, PowerOptions, StarsOptions, TemperatureProfile,
+    known_effects, simulate_frames, simulate_points, simulate_power, simulate_stars,
 };
 use retina_files::{InputError, write_atomic};
-use retina_geometry::{Calibration, Setup};
+use retina_formats::{Calibration, Channel, TableKind};
+use retina_geometry::Setup;
 use retina_image::Centroid;
 use serde_json::{Value, json};
 
@@ -224,7 +224,7 @@ fn positive(flag: &str, value: f64) -> Result<f64, Failure> {
 }
 
 impl Common {
-    fn facility(&self, table: Table, length_s: f64) -> Result<Facility, Failure> {
+    fn facility(&self, table: TableKind, length_s: f64) -> Result<Facility, Failure> {
         let setup = Setup::read(&self.setup)?;
         let effects: Vec<Effect> =
             self.effects.iter().map(|text| Effect::parse(text)).collect::<Result<_, _>>()?;
@@ -275,13 +275,13 @@ fn points(arguments: &PointsArguments) -> Result<(), Failure> {
         ..PointsOptions::default()
     };
     let common = &arguments.common;
-    let facility = common.facility(Table::Points, options.length_s())?;
+    let facility = common.facility(TableKind::Points, options.length_s())?;
     common.make_folder()?;
     let bar = counter(u64::from(arguments.exposures), "exposures");
     let keep = arguments.images.then_some(common.out.as_path());
     let result = simulate_points(&facility, &options, keep, |done| bar.set_position(done as u64))?;
     bar.finish_and_clear();
-    result.table.write(&common.out.join("points.csv"))?;
+    result.table.write(&common.out.join("points.csv"), &facility.setup)?;
     tell!(
         "{}: {} of {} points measured in {} exposures",
         common.out.join("points.csv").display(),
@@ -298,7 +298,7 @@ fn points(arguments: &PointsArguments) -> Result<(), Failure> {
             "exposure_s": result.exposures_s,
             "interval_s": options.interval_s,
             "temperature": format!("{:?}", options.temperature),
-            "channel": options.channel.name(),
+            "channel": options.channel.letter(),
             "centroid": format!("{:?}", options.centroid),
         }),
     )
@@ -322,12 +322,13 @@ fn power(arguments: &PowerArguments) -> Result<(), Failure> {
             .expected(format!("at most {most} pixels"))
             .into());
     }
-    let facility = common.facility(Table::Power, 0.0)?;
+    let facility = common.facility(TableKind::Power, 0.0)?;
     let readings = simulate_power(&facility, &options)?;
-    common.write("power.csv", PowerReading::csv(&readings).as_bytes())?;
-    tell!("{}: {} readings", common.out.join("power.csv").display(), readings.len());
+    common.make_folder()?;
+    readings.write(&common.out.join("power.csv"), &setup)?;
+    tell!("{}: {} readings", common.out.join("power.csv").display(), readings.rows.len());
     let summary = json!({
-        "readings": readings.len(),
+        "readings": readings.rows.len(),
         "counts": options.counts,
         "squares_px": options.squares_px,
         "series": options.series,
@@ -344,7 +345,7 @@ fn frames(arguments: &FramesArguments) -> Result<(), Failure> {
         temperature: arguments.temperature.into(),
         detail: OpticsDetail::default(),
     };
-    let facility = common.facility(Table::Frames, f64::MAX)?;
+    let facility = common.facility(TableKind::Frames, f64::MAX)?;
     let bar = counter(0, "frames");
     let result = simulate_frames(&facility, &options, &common.out, |done, all| {
         bar.set_length(all as u64);
@@ -371,7 +372,7 @@ fn stars(arguments: &StarsArguments) -> Result<(), Failure> {
         ..StarsOptions::default()
     };
     let common = &arguments.common;
-    let facility = common.facility(Table::Points, f64::MAX)?;
+    let facility = common.facility(TableKind::Points, f64::MAX)?;
     let calibration = match &arguments.calibration {
         None => None,
         Some(path) => Some(Calibration::read(path, &facility.setup)?),
@@ -423,12 +424,11 @@ fn effects(arguments: &EffectsArguments) -> Result<(), Failure> {
     let unit = |kind: &retina_campaign::EffectKind| kind.units[0].0;
     if arguments.json {
         let list: Vec<Value> = known_effects()
-            .iter()
             .map(|kind| {
                 json!({
-                    "id": kind.id,
-                    "table": format!("{:?}", kind.table).to_lowercase(),
-                    "unit": unit(kind),
+                    "id": kind.id.name(),
+                    "table": kind.id.table().name(),
+                    "unit": unit(&kind),
                     "values": kind.values,
                     "meaning": kind.meaning,
                 })
@@ -437,10 +437,9 @@ fn effects(arguments: &EffectsArguments) -> Result<(), Failure> {
         return print_json(&json!({"schema": "retina.bench-effects/1", "effects": list}));
     }
     let lines: Vec<String> = known_effects()
-        .iter()
         .map(|kind| {
-            let table = format!("{:?}", kind.table).to_lowercase();
-            format!("{:<22} {:<7} {:<9} {}", kind.id, table, unit(kind), kind.meaning)
+            let (id, table) = (kind.id.name(), kind.id.table().name());
+            format!("{id:<22} {table:<7} {:<9} {}", unit(&kind), kind.meaning)
         })
         .collect();
     print_lines(&lines)

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use retina_batch::warp_file;
-use retina_geometry::{Calibration, Setup, WarpDirection};
+use retina_formats::Calibration;
+use retina_geometry::{Setup, WarpDirection};
 use serde_json::json;
 
 use crate::failure::Failure;

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use retina_diagnosis::{AddedEffect, Baseline, Dataset, Source};
 use retina_files::InputError;
-use retina_frames::{FrameSet, FramesSource, is_frames_table};
-use retina_geometry::{Calibration, Setup};
+use retina_formats::{Calibration, Measurements, RadiometricCalibration, TableKind};
+use retina_frames::{FrameSet, FramesSource};
+use retina_geometry::Setup;
 use retina_report::Section;
-use retina_response::RadiometricCalibration;
 
 use crate::failure::Failure;
 
@@ -60,13 +60,10 @@ impl Input {
             return Ok(Calibrated::Nothing);
         };
         let Some(path) = self.data.first() else { return Ok(Calibrated::Nothing) };
-        let table = retina_files::Table::read(path)?;
-        let has = |name: &str| table.columns().iter().any(|column| column == name);
-        if has("camera_x_px") {
-            return Ok(Calibrated::Geometry);
-        }
-        if has("irradiance_w_m2") && flag == "--calibration" {
-            return Ok(Calibrated::Response);
+        match TableKind::of_file(path)? {
+            TableKind::Points => return Ok(Calibrated::Geometry),
+            TableKind::Power if flag == "--calibration" => return Ok(Calibrated::Response),
+            _ => {}
         }
         let tables = if flag == "--baseline" { "points" } else { "points or of power readings" };
         Err(InputError::new(flag, format!("is for tables of {tables}"))
@@ -78,7 +75,7 @@ impl Input {
     /// The frames, where the first table is one of frames.
     pub(crate) fn frames(&self) -> Result<Option<FrameSet>, Failure> {
         match self.data.first() {
-            Some(path) if is_frames_table(path)? => {}
+            Some(path) if TableKind::of_file(path)? == TableKind::Frames => {}
             _ => return Ok(None),
         }
         let register = match self.baseline.as_str() {
@@ -99,8 +96,8 @@ impl Input {
         Ok(Some(FrameSet::read(&source)?))
     }
 
-    /// Setup and data.
-    pub(crate) fn read(&self) -> Result<(Setup, Dataset), Failure> {
+    /// Setup, tables, calibration and data.
+    fn read(&self) -> Result<TableMaterial, Failure> {
         let baseline = Baseline::parse(&self.baseline)?;
         if self.calibration.is_some() && baseline != Baseline::Physical {
             return Err(InputError::new(
@@ -116,15 +113,16 @@ impl Input {
         let calibration =
             path(Calibrated::Geometry).map(|path| Calibration::read(path, &setup)).transpose()?;
         let response = path(Calibrated::Response).map(|path| response_of(path, &setup)).transpose()?;
+        let tables = Measurements::read(&self.data)?;
         let source = Source {
-            files: &self.data,
+            tables: &tables,
             setup: &setup,
             calibration: calibration.as_ref(),
             response: response.as_ref(),
             baseline,
         };
-        let data = Dataset::read(&source)?;
-        Ok((setup, data))
+        let data = Dataset::new(&source)?;
+        Ok(TableMaterial { setup, tables, calibration, data })
     }
 }
 
@@ -148,7 +146,15 @@ fn response_of(path: &Path, setup: &Setup) -> Result<RadiometricCalibration, Inp
 /// What a command works on: pixels with their frames, or a table.
 pub(crate) enum Material {
     Frames(Box<FrameSet>, Dataset),
-    Table(Box<Setup>, Dataset),
+    Table(Box<TableMaterial>),
+}
+
+/// Tables with what they are compared with.
+pub(crate) struct TableMaterial {
+    pub(crate) setup: Setup,
+    pub(crate) tables: Measurements,
+    pub(crate) calibration: Option<Calibration>,
+    pub(crate) data: Dataset,
 }
 
 impl Material {
@@ -160,14 +166,15 @@ impl Material {
             retina_diagnosis::check_effects(&data, &added)?;
             return Ok((Self::Frames(Box::new(set), data), added));
         }
-        let (setup, data) = input.read()?;
-        let added = added(effects, &data)?;
-        Ok((Self::Table(Box::new(setup), data), added))
+        let material = input.read()?;
+        let added = added(effects, &material.data)?;
+        Ok((Self::Table(Box::new(material)), added))
     }
 
     pub(crate) fn data(&self) -> &Dataset {
         match self {
-            Self::Frames(_, data) | Self::Table(_, data) => data,
+            Self::Frames(_, data) => data,
+            Self::Table(material) => &material.data,
         }
     }
 
@@ -175,7 +182,7 @@ impl Material {
     pub(crate) fn pictures(&self) -> Option<Section> {
         match self {
             Self::Frames(set, _) => Some(pictures(set)),
-            Self::Table(..) => None,
+            Self::Table(_) => None,
         }
     }
 }

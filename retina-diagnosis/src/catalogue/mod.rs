@@ -1,18 +1,26 @@
 //! The catalogue: physical effects with their columns. An id never changes its meaning.
 
-/// An entry of a table: kind, id, formula, source, columns, plausible size, class, what separates it, its forms.
-macro_rules! effect {
-    ($kind:ident, $id:literal, $formula:literal, $source:expr, $columns:expr, $plausible:literal, $class:expr, $separated:expr, $build:expr $(,)?) => {
-        Effect {
-            id: $id,
-            kind: TableKind::$kind,
+/// An entry: formula, source, columns, plausible size, what separates it from its class, and its forms. Those of images
+/// come with the pixels.
+macro_rules! entry {
+    ($formula:expr, $source:expr, $covariates:expr, $plausible:expr, $separated_by:expr, $build:expr $(,)?) => {
+        Entry {
             formula: $formula,
             source: $source,
-            covariates: $columns,
+            covariates: $covariates,
             plausible: $plausible,
-            class: $class,
-            separated_by: $separated,
-            build: $build,
+            separated_by: $separated_by,
+            forms: super::Forms::Columns($build),
+        }
+    };
+    ($formula:expr, $source:expr, $covariates:expr, $plausible:expr, $separated_by:expr $(,)?) => {
+        Entry {
+            formula: $formula,
+            source: $source,
+            covariates: $covariates,
+            plausible: $plausible,
+            separated_by: $separated_by,
+            forms: super::Forms::Pixels,
         }
     };
 }
@@ -23,7 +31,11 @@ mod point_forms;
 mod points;
 mod power;
 
-use crate::data::{Dataset, TableKind, Term};
+use std::sync::LazyLock;
+
+use retina_formats::{EffectId, TableKind};
+
+use crate::data::{Dataset, Term};
 
 /// One form of an effect: its shape parameters fixed, linear in its amplitudes.
 pub(crate) struct Variant<'a> {
@@ -35,34 +47,96 @@ pub(crate) struct Variant<'a> {
     pub(crate) further: Vec<Term<'a>>,
 }
 
+/// The forms of an effect on a table, or why the table cannot show it.
+type Build = for<'a> fn(&'a Dataset) -> Result<Vec<Variant<'a>>, String>;
+
+/// Where an effect's forms come from.
+enum Forms {
+    /// From the table's columns.
+    Columns(Build),
+    /// With the pixels.
+    Pixels,
+}
+
+/// What the catalogue says of an effect.
+struct Entry {
+    formula: &'static str,
+    source: &'static str,
+    covariates: &'static [&'static str],
+    plausible: &'static str,
+    separated_by: Option<(&'static str, &'static str)>,
+    forms: Forms,
+}
+
 /// A physical effect.
 pub struct Effect {
     /// Its id.
-    pub id: &'static str,
-    /// The table it shows in.
-    pub kind: TableKind,
-    /// Leading form, in words of the table's columns.
-    pub formula: &'static str,
-    /// Where the form comes from.
-    pub source: &'static str,
-    /// Columns it needs.
-    pub covariates: &'static [&'static str],
-    /// Plausible size, with its unit.
-    pub plausible: &'static str,
+    pub id: EffectId,
     /// Effects that one ordinary campaign cannot tell from it, itself included.
-    pub class: &'static [&'static str],
-    /// What separates it from those: action and value.
-    pub separated_by: Option<(&'static str, &'static str)>,
-    pub(crate) build: for<'a> fn(&'a Dataset) -> Result<Vec<Variant<'a>>, String>,
+    pub class: Vec<EffectId>,
+    entry: Entry,
 }
+
+impl Effect {
+    fn new(id: EffectId) -> Self {
+        let entry = match id {
+            EffectId::Points(effect) => points::entry(effect),
+            EffectId::Power(effect) => power::entry(effect),
+            EffectId::Phase(effect) => phase::entry(effect),
+            EffectId::Frames(effect) => frames::entry(effect),
+        };
+        Self { id, class: id.class(), entry }
+    }
+
+    /// Its id as text.
+    pub fn name(&self) -> &'static str {
+        self.id.name()
+    }
+
+    /// The table it shows in.
+    pub fn kind(&self) -> TableKind {
+        self.id.table()
+    }
+
+    /// Leading form, in words of the table's columns.
+    pub fn formula(&self) -> &'static str {
+        self.entry.formula
+    }
+
+    /// Where the form comes from.
+    pub fn source(&self) -> &'static str {
+        self.entry.source
+    }
+
+    /// Columns it needs.
+    pub fn covariates(&self) -> &'static [&'static str] {
+        self.entry.covariates
+    }
+
+    /// Plausible size, with its unit.
+    pub fn plausible(&self) -> &'static str {
+        self.entry.plausible
+    }
+
+    /// What separates it from its class: action and value.
+    pub fn separated_by(&self) -> Option<(&'static str, &'static str)> {
+        self.entry.separated_by
+    }
+
+    /// Its forms on these data, or why they cannot show it.
+    pub(crate) fn build<'a>(&self, data: &'a Dataset) -> Result<Vec<Variant<'a>>, String> {
+        match (&self.entry.forms, self.id) {
+            (Forms::Columns(build), _) => build(data),
+            (Forms::Pixels, id) => frames::forms(data, id),
+        }
+    }
+}
+
+static CATALOGUE: LazyLock<Vec<Effect>> = LazyLock::new(|| EffectId::all().map(Effect::new).collect());
 
 /// All effects, or those of one table.
 pub fn effects(kind: Option<TableKind>) -> Vec<&'static Effect> {
-    [points::EFFECTS, power::EFFECTS, phase::EFFECTS, frames::EFFECTS]
-        .into_iter()
-        .flatten()
-        .filter(|effect| kind.is_none_or(|kind| effect.kind == kind))
-        .collect()
+    CATALOGUE.iter().filter(|effect| kind.is_none_or(|kind| effect.kind() == kind)).collect()
 }
 
 /// A column that must be there and vary.

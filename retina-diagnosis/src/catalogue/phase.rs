@@ -1,77 +1,59 @@
 //! Effects on a body's phase curve, magnitudes added to a smooth Lambert sphere's.
 
-use crate::data::{Dataset, TableKind, Term};
+use retina_formats::PhaseEffect;
 
-use super::{Effect, Variant, need, plain};
+use crate::data::{Dataset, Term};
 
-pub(super) const EFFECTS: &[Effect] = &[
-    effect!(
-        Phase,
-        "lommel_seeliger",
-        "a (m_LS - m_Lambert), a = 1 where the law is Lommel-Seeliger's",
-        "H. Seeliger 1887; B. Hapke, Theory of Reflectance and Emittance Spectroscopy, 2nd ed., sec. 6.9",
-        &["phase_deg"],
-        "a = 1",
-        &["lommel_seeliger"],
-        None,
-        lommel_seeliger
-    ),
-    effect!(
-        Phase,
-        "phase_function",
-        "a |phase|, and its square and cube",
-        "C. W. Allen, Astrophysical Quantities, 3rd ed., sec. 66",
-        &["phase_deg"],
-        "1.07 mag at 60 deg (the Moon)",
-        &["phase_function"],
-        Some(("phase_range", "below 7 and above 90 deg")),
-        phase_function
-    ),
-    effect!(
-        Phase,
-        "opposition_surge",
-        "-a exp(-|phase| / h)",
-        "B. Hapke, Icarus 67, 1986",
-        &["phase_deg"],
-        "0.2 to 0.4 mag",
-        &["opposition_surge"],
-        Some(("phase_range", "below 7 deg")),
-        surge
-    ),
-    effect!(
-        Phase,
-        "roughness",
-        "a tan^2(|phase| / 2), which grows beyond 60 deg",
-        "B. Hapke, Icarus 59, 1984",
-        &["phase_deg"],
-        "0.1 to 0.5 mag",
-        &["roughness"],
-        Some(("phase_range", "above 90 deg")),
-        roughness
-    ),
-    effect!(
-        Phase,
-        "waxing_waning",
-        "a phase + b phase^3",
-        "maria on one side; Allen",
-        &["phase_deg"],
-        "0.05 to 0.14 mag",
-        &["waxing_waning"],
-        None,
-        waxing
-    ),
-    effect!(
-        Phase,
-        "extinction",
-        "k X",
-        "Bouguer's law",
-        &["airmass"],
-        "0.2 to 0.5 mag per airmass",
-        &["extinction"],
-        None,
-        extinction
-    ),
-];
+use super::{Entry, Variant, need, plain};
+
+pub(super) fn entry(effect: PhaseEffect) -> Entry {
+    use PhaseEffect as E;
+    match effect {
+        E::LommelSeeliger => entry!(
+            "a (m_LS - m_Lambert), a = 1 where the law is Lommel-Seeliger's",
+            "H. Seeliger 1887; B. Hapke, Theory of Reflectance and Emittance Spectroscopy, 2nd ed., sec. 6.9",
+            &["phase_deg"],
+            "a = 1",
+            None,
+            lommel_seeliger
+        ),
+        E::PhaseFunction => entry!(
+            "a |phase|, and its square and cube",
+            "C. W. Allen, Astrophysical Quantities, 3rd ed., sec. 66",
+            &["phase_deg"],
+            "1.07 mag at 60 deg (the Moon)",
+            Some(("phase_range", "below 7 and above 90 deg")),
+            phase_function
+        ),
+        E::OppositionSurge => entry!(
+            "-a exp(-|phase| / h)",
+            "B. Hapke, Icarus 67, 1986",
+            &["phase_deg"],
+            "0.2 to 0.4 mag",
+            Some(("phase_range", "below 7 deg")),
+            surge
+        ),
+        E::Roughness => entry!(
+            "a tan^2(|phase| / 2), which grows beyond 60 deg",
+            "B. Hapke, Icarus 59, 1984",
+            &["phase_deg"],
+            "0.1 to 0.5 mag",
+            Some(("phase_range", "above 90 deg")),
+            roughness
+        ),
+        E::WaxingWaning => entry!(
+            "a phase + b phase^3",
+            "maria on one side; Allen",
+            &["phase_deg"],
+            "0.05 to 0.14 mag",
+            None,
+            waxing
+        ),
+        E::Extinction => {
+            entry!("k X", "Bouguer's law", &["airmass"], "0.2 to 0.5 mag per airmass", None, extinction)
+        }
+    }
+}
 
 fn term<'a>(name: &str, values: Vec<f64>) -> Term<'a> {
     Term::new(name, move |i| [values[i], 0.0])

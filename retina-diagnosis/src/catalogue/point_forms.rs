@@ -1,5 +1,7 @@
 //! The forms of effects on points: columns over a campaign's rows.
 
+use retina_formats::Channel;
+
 use crate::data::{Dataset, Term};
 
 use super::{Variant, lagged, need, plain, step_times, to_unit};
@@ -142,10 +144,10 @@ pub(super) fn background(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     Ok(vec![Variant { shape: Vec::new(), leading: pair(per(1.0), ""), further }])
 }
 
-fn channels(data: &Dataset) -> Result<Vec<(u8, &'static str)>, String> {
-    let lit: Vec<(u8, &'static str)> = [(1, "g"), (3, "w"), (0, "r"), (2, "b")]
+fn channels(data: &Dataset) -> Result<Vec<Channel>, String> {
+    let lit: Vec<Channel> = [Channel::G, Channel::W, Channel::R, Channel::B]
         .into_iter()
-        .filter(|(k, _)| data.channel.contains(k))
+        .filter(|channel| data.channel.contains(channel))
         .collect();
     // The first is the reference, which the baseline has.
     if lit.len() < 2 { Err("column `channel` is missing or constant".into()) } else { Ok(lit[1..].to_vec()) }
@@ -153,8 +155,9 @@ fn channels(data: &Dataset) -> Result<Vec<(u8, &'static str)>, String> {
 
 pub(super) fn lateral_colour(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     let (mut leading, mut further) = (Vec::new(), Vec::new());
-    for (k, name) in channels(data)? {
-        let here: Vec<f64> = data.channel.iter().map(|c| f64::from(u8::from(*c == k))).collect();
+    for channel in channels(data)? {
+        let name = channel.letter();
+        let here: Vec<f64> = data.channel.iter().map(|c| f64::from(u8::from(*c == channel))).collect();
         leading.push(radial_term(data, format!("{name}_arcsec"), 0, Some(here.clone())));
         further.push(radial_term(data, format!("{name}_r2_arcsec"), 2, Some(here)));
     }
@@ -164,8 +167,9 @@ pub(super) fn lateral_colour(data: &Dataset) -> Result<Vec<Variant<'_>>, String>
 pub(super) fn wedge(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     let (x, y) = xy(data);
     let (mut leading, mut further) = (Vec::new(), Vec::new());
-    for (k, name) in channels(data)? {
-        let here: Vec<f64> = data.channel.iter().map(|c| f64::from(u8::from(*c == k))).collect();
+    for channel in channels(data)? {
+        let name = channel.letter();
+        let here: Vec<f64> = data.channel.iter().map(|c| f64::from(u8::from(*c == channel))).collect();
         let outwards = (0..here.len()).map(|i| here[i] * (x[i] * x[i] + y[i] * y[i])).collect();
         leading.extend(pair(here, &format!("_{name}")));
         further.extend(pair(outwards, &format!("_{name}_r2")));
@@ -176,7 +180,14 @@ pub(super) fn wedge(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
 pub(super) fn subpixel(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     channels(data)?;
     let third = data.screen_pixel_arcsec / 3.0;
-    let offset = move |i: usize| third * [-1.0, 0.0, 1.0, 0.0][usize::from(data.channel[i])];
+    let offset = move |i: usize| {
+        third
+            * match data.channel[i] {
+                Channel::R => -1.0,
+                Channel::G | Channel::W => 0.0,
+                Channel::B => 1.0,
+            }
+    };
     Ok(plain(vec![Term::new("of_a_third_of_a_pixel", move |i| [offset(i), 0.0])]))
 }
 

@@ -1,132 +1,104 @@
 //! Effects on readings of a power meter: what they add to a reading, relative to the nominal irradiance.
 
-use crate::data::{Dataset, TableKind, Term};
+use retina_formats::{Channel, PowerEffect};
 
-use super::{Effect, Variant, need, plain, to_unit};
+use crate::data::{Dataset, Term};
 
-pub(super) const EFFECTS: &[Effect] = &[
-    effect!(
-        Power,
-        "gamma",
-        "a ln(B / 255): (B / 255)^(g + a), g the setup's exponent; `simulate power --effect gamma=G` takes the whole, G = g + a",
-        "the facility's paper, radiometric calibration",
-        &["digital_count"],
-        "a = -0.2 to 0.2 beside g = 2.2: whole exponents 2.0 to 2.4",
-        &["gamma"],
-        Some(("low_counts", "counts below 16")),
-        gamma
-    ),
-    effect!(
-        Power,
-        "black_level",
-        "b per pixel, relative to a full one",
-        "light of a black pixel",
-        &["digital_count", "square_px"],
-        "1e-5 to 1e-3",
-        &["black_level"],
-        Some(("low_counts", "counts below 16")),
-        black_level
-    ),
-    effect!(
-        Power,
-        "square_loading",
-        "a N^p times the level",
-        "line and supply loading",
-        &["square_px"],
-        "0.5 to 5 %",
-        &["square_loading"],
-        Some(("square", "other sizes at one irradiance")),
-        loading
-    ),
-    effect!(
-        Power,
-        "pixel_crosstalk",
-        "a / N: the square's perimeter over its area",
-        "neighbouring pixels lend or take light",
-        &["square_px"],
-        "up to 40 % at low light",
-        &["pixel_crosstalk"],
-        None,
-        crosstalk
-    ),
-    effect!(
-        Power,
-        "self_heating",
-        "a (1 - exp(-t / tau)), or a T",
-        "efficiency falls as the display warms",
-        &["time_s", "temperature_c"],
-        "0.5 to 1 %/K",
-        &["self_heating"],
-        Some(("pause", "let the display cool and repeat")),
-        self_heating
-    ),
-    effect!(
-        Power,
-        "ageing",
-        "-k D, D the dose shown so far",
-        "luminance decay of emitters",
-        &["time_s"],
-        "1 to 5 % per 1000 h",
-        &["ageing"],
-        Some(("pause", "let the display cool and repeat")),
-        ageing
-    ),
-    effect!(
-        Power,
-        "meter_zero",
-        "+ b",
-        "offset of the meter",
-        &["ln_irradiance"],
-        "0.1 to 1 nW",
-        &["meter_zero"],
-        Some(("dark_reading", "square of 0 pixels")),
-        meter_zero
-    ),
-    effect!(
-        Power,
-        "meter_wavelength",
-        "a_channel",
-        "responsivity at another wavelength",
-        &["channel"],
-        "1 to 3 % per 5 nm",
-        &["meter_wavelength"],
-        None,
-        meter_wavelength
-    ),
-    effect!(
-        Power,
-        "meter_nonlinearity",
-        "a I",
-        "saturation of the meter",
-        &["ln_irradiance"],
-        "0.5 to 2 %",
-        &["meter_nonlinearity"],
-        Some(("square", "other sizes at one irradiance")),
-        nonlinearity
-    ),
-    effect!(
-        Power,
-        "channel_nonadditivity",
-        "a where r, g, b are lit together",
-        "common supply of the sub-pixels",
-        &["channel"],
-        "0.5 to 2 %",
-        &["channel_nonadditivity"],
-        None,
-        nonadditivity
-    ),
-    effect!(
-        Power,
-        "attenuator_not_changed",
-        "a constant factor on one series",
-        "a range or filter recorded wrongly",
-        &["series"],
-        "factors of 2 to 10",
-        &["attenuator_not_changed"],
-        None,
-        attenuator
-    ),
-];
+use super::{Entry, Variant, need, plain, to_unit};
+
+pub(super) fn entry(effect: PowerEffect) -> Entry {
+    use PowerEffect as E;
+    match effect {
+        E::Gamma => entry!(
+            "a ln(B / 255): (B / 255)^(g + a), g the setup's exponent; `simulate power --effect gamma=G` takes the whole, G = g + a",
+            "the facility's paper, radiometric calibration",
+            &["digital_count"],
+            "a = -0.2 to 0.2 beside g = 2.2: whole exponents 2.0 to 2.4",
+            Some(("low_counts", "counts below 16")),
+            gamma
+        ),
+        E::BlackLevel => entry!(
+            "b per pixel, relative to a full one",
+            "light of a black pixel",
+            &["digital_count", "square_px"],
+            "1e-5 to 1e-3",
+            Some(("low_counts", "counts below 16")),
+            black_level
+        ),
+        E::SquareLoading => entry!(
+            "a N^p times the level",
+            "line and supply loading",
+            &["square_px"],
+            "0.5 to 5 %",
+            Some(("square", "other sizes at one irradiance")),
+            loading
+        ),
+        E::PixelCrosstalk => entry!(
+            "a / N: the square's perimeter over its area",
+            "neighbouring pixels lend or take light",
+            &["square_px"],
+            "up to 40 % at low light",
+            None,
+            crosstalk
+        ),
+        E::SelfHeating => entry!(
+            "a (1 - exp(-t / tau)), or a T",
+            "efficiency falls as the display warms",
+            &["time_s", "temperature_c"],
+            "0.5 to 1 %/K",
+            Some(("pause", "let the display cool and repeat")),
+            self_heating
+        ),
+        E::Ageing => entry!(
+            "-k D, D the dose shown so far",
+            "luminance decay of emitters",
+            &["time_s"],
+            "1 to 5 % per 1000 h",
+            Some(("pause", "let the display cool and repeat")),
+            ageing
+        ),
+        E::MeterZero => entry!(
+            "+ b",
+            "offset of the meter",
+            &["ln_irradiance"],
+            "0.1 to 1 nW",
+            Some(("dark_reading", "square of 0 pixels")),
+            meter_zero
+        ),
+        E::MeterWavelength => entry!(
+            "a_channel",
+            "responsivity at another wavelength",
+            &["channel"],
+            "1 to 3 % per 5 nm",
+            None,
+            meter_wavelength
+        ),
+        E::MeterNonlinearity => entry!(
+            "a I",
+            "saturation of the meter",
+            &["ln_irradiance"],
+            "0.5 to 2 %",
+            Some(("square", "other sizes at one irradiance")),
+            nonlinearity
+        ),
+        E::ChannelNonadditivity => entry!(
+            "a where r, g, b are lit together",
+            "common supply of the sub-pixels",
+            &["channel"],
+            "0.5 to 2 %",
+            None,
+            nonadditivity
+        ),
+        E::AttenuatorNotChanged => entry!(
+            "a constant factor on one series",
+            "a range or filter recorded wrongly",
+            &["series"],
+            "factors of 2 to 10",
+            None,
+            attenuator
+        ),
+    }
+}
 
 fn term<'a>(name: &str, values: Vec<f64>) -> Term<'a> {
     Term::new(name, move |i| [values[i], 0.0])
@@ -254,22 +226,20 @@ fn meter_zero(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
 }
 
 fn meter_wavelength(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
-    let single: Vec<u8> = [1, 0, 2].into_iter().filter(|k| data.channel.contains(k)).collect();
+    let single: Vec<Channel> =
+        [Channel::G, Channel::R, Channel::B].into_iter().filter(|c| data.channel.contains(c)).collect();
     if single.len() < 2 {
         return Err("column `channel` has fewer than two of r, g and b".into());
     }
     // White is a third of each.
     let leading = single[1..]
         .iter()
-        .map(|&k| {
-            let name = ["r_relative", "g_relative", "b_relative"][usize::from(k)];
-            term(
-                name,
-                lit(data, |i| match data.channel[i] {
-                    3 => 1.0 / 3.0,
-                    c => f64::from(u8::from(c == k)),
-                }),
-            )
+        .map(|&of| {
+            let on = lit(data, |i| match data.channel[i] {
+                Channel::W => 1.0 / 3.0,
+                colour => f64::from(u8::from(colour == of)),
+            });
+            term(&format!("{}_relative", of.letter()), on)
         })
         .collect();
     Ok(plain(leading))

@@ -6,7 +6,9 @@ use std::sync::{Arc, OnceLock};
 
 use retina_files::InputError;
 
-use super::{Baseline, Covariate, Dataset, Group, RowFrame, TableKind, Term};
+use retina_formats::{Channel, EffectId, FramesEffect, TableKind};
+
+use super::{Baseline, Covariate, Dataset, Group, RowFrame, Term};
 
 /// A named column over the pixels, DN per unit of its amplitude.
 #[derive(Debug, Clone)]
@@ -32,7 +34,7 @@ pub struct PixelForm {
 #[derive(Debug, Clone)]
 pub struct PixelEffect {
     /// Its id.
-    pub id: &'static str,
+    pub id: FramesEffect,
     /// Its forms, or why these frames cannot show it.
     pub forms: Result<Vec<PixelForm>, String>,
 }
@@ -41,7 +43,7 @@ pub struct PixelEffect {
 #[derive(Debug, Clone)]
 pub struct PixelPart {
     /// Its id.
-    pub id: &'static str,
+    pub id: FramesEffect,
     /// What it adds to the prediction with the parts before it, DN.
     pub adds: Vec<f64>,
     /// Derivatives of the whole prediction by its parameters, with the parameters' values.
@@ -117,7 +119,7 @@ impl Dataset {
             noise_key: pixels.noise_key.clone(),
             // Noise of pixels is their own: tiles have no common error.
             jitters: false,
-            channel: vec![3; rows],
+            channel: vec![Channel::W; rows],
             mounting: vec![0; rows],
             roll_rad: vec![0.0],
             half_tan: 1.0,
@@ -138,8 +140,8 @@ impl Dataset {
     }
 
     /// The part of the prediction that an effect is.
-    pub(crate) fn part(&self, id: &str) -> Option<&PixelPart> {
-        self.pixels()?.parts.iter().find(|part| part.id == id)
+    pub(crate) fn part(&self, id: EffectId) -> Option<&PixelPart> {
+        self.pixels()?.parts.iter().find(|part| EffectId::Frames(part.id) == id)
     }
 
     /// The values that the baseline's coefficients are counted from.

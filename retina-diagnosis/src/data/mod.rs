@@ -1,7 +1,6 @@
 //! Any of the tables as one kind of data: residuals of one or two components, groups, covariates.
 
 mod frames;
-mod large;
 mod phase;
 mod places;
 mod points;
@@ -18,37 +17,9 @@ pub(crate) use phase::lambert_magnitude;
 pub(crate) use points::ARCSEC_PER_RAD;
 pub use read::{Baseline, Source};
 
+use retina_formats::{Channel, TableKind};
+
 use crate::field::{Field, Held};
-
-/// Which table.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TableKind {
-    /// `points.csv`: two components, arcsec.
-    Points,
-    /// `power.csv`: relative irradiance.
-    Power,
-    /// `phase.csv`: magnitudes.
-    Phase,
-    /// `frames.csv`: digital numbers of pixels.
-    Frames,
-}
-
-impl TableKind {
-    /// Its name in JSON.
-    pub fn name(self) -> &'static str {
-        ["points", "power", "phase", "frames"][self as usize]
-    }
-
-    /// Components of a row.
-    pub(crate) fn components(self) -> usize {
-        if self == Self::Points { 2 } else { 1 }
-    }
-
-    /// Unit of its residuals.
-    pub fn unit(self) -> &'static str {
-        ["arcsec", "relative", "mag", "DN"][self as usize]
-    }
-}
 
 /// A column over the rows: its name and its value(s) in a row, in units of the data per unit of its amplitude.
 pub(crate) struct Term<'a> {
@@ -130,8 +101,8 @@ pub struct Dataset {
     pub(crate) noise_key: Vec<f64>,
     /// Whether the groups are the same setting repeated or single rows: they then have no common error.
     pub(crate) jitters: bool,
-    /// Names of the channel of each row, as an index into r, g, b, w.
-    pub(crate) channel: Vec<u8>,
+    /// The lit channel of each row.
+    pub(crate) channel: Vec<Channel>,
     /// Which mounting (file and camera roll) a row belongs to.
     pub(crate) mounting: Vec<usize>,
     /// For each mounting the angle by which the camera is turned in the facility's frame, rad.

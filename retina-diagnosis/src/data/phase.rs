@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
-use retina_files::{InputError, Table};
+use retina_files::InputError;
+use retina_formats::{Channel, PhaseTable, TableKind};
 
-use super::read::{Baseline, Place, Source, covariates, number_in};
-use super::{Covariate, Dataset, Group, RowFrame, TableKind};
+use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repeated, stated};
+use super::{Covariate, Dataset, Group, RowFrame};
 
 /// Magnitude of a Lambert sphere at a phase angle (rad, 0 to pi) relative to full:
 /// -2.5 log10 ((sin a + (pi - a) cos a) / pi) (Russell, Astrophysical Journal 43, 1916).
@@ -15,55 +16,58 @@ pub(crate) fn lambert_magnitude(phase_rad: f64) -> f64 {
     -2.5 * ((a.sin() + (std::f64::consts::PI - a) * a.cos()) / std::f64::consts::PI).log10()
 }
 
-pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, InputError> {
+pub(super) fn read(_source: &Source<'_>, table: &PhaseTable) -> Result<Dataset, InputError> {
     let mut notes = Vec::new();
-    let mut groups: BTreeMap<(usize, String), Vec<Place>> = BTreeMap::new();
-    let (mut table_rows, mut first_row) = (0, Vec::new());
-    for (t, table) in tables.iter().enumerate() {
-        table.require(&["phase_deg", "magnitude"])?;
-        first_row.push(table_rows);
-        table_rows += table.len();
-        for row in 0..table.len() {
-            let named = [table.text(row, "night"), table.text(row, "series")];
-            let key = match named.iter().find(|name| !name.is_empty()) {
-                Some(name) => (*name).to_owned(),
-                None => format!("line {:09}", table.line(row)),
-            };
-            groups.entry((t, key)).or_default().push(Place { table: t, row });
-        }
+    let mut groups: BTreeMap<(usize, String), Vec<usize>> = BTreeMap::new();
+    for (at, row) in table.rows.iter().enumerate() {
+        let key = match row.night.as_ref().or(row.series.as_ref()) {
+            Some(name) => name.to_string(),
+            None => format!("line {:09}", if row.line > 0 { row.line } else { at }),
+        };
+        groups.entry((row.file, key)).or_default().push(at);
     }
-    let places: Vec<Place> = groups.values().flatten().copied().collect();
-    let order = places.iter().map(|p| first_row[p.table] + p.row).collect();
+    let cells = |at: usize| {
+        let row = &table.rows[at];
+        let mut cells = vec![bits_of(&row.night), bits_of(&row.series)];
+        cells.extend([row.phase_deg, row.magnitude].map(f64::to_bits));
+        cells.extend(bits([row.sigma_mag, row.airmass]));
+        cells.extend(table.extra.iter().map(|column| column.values[at].to_bits()));
+        cells
+    };
+    let repeats = repeated(table.rows.len(), cells).len();
+    if repeats > 0 {
+        notes.push(format!("{repeats} rows repeat others in every cell"));
+    }
+    let order: Vec<usize> = groups.values().flatten().copied().collect();
     let (mut phase, mut y, mut frame) = (Vec::new(), Vec::new(), Vec::new());
-    for place in &places {
-        let (table, row) = (&tables[place.table], place.row);
-        let angle_deg =
-            number_in(table, row, "phase_deg", -178.0..=178.0, "a signed phase angle within 178 deg")?;
-        let magnitude = number_in(table, row, "magnitude", -60.0..=60.0, "a magnitude")?;
-        phase.push(angle_deg);
-        y.push(magnitude - lambert_magnitude(angle_deg.to_radians().abs()));
-        frame.push(RowFrame { measured: [magnitude, 0.0], to_table: [[1.0, 0.0], [0.0, 0.0]] });
+    for &at in &order {
+        let row = &table.rows[at];
+        phase.push(row.phase_deg);
+        y.push(row.magnitude - lambert_magnitude(row.phase_deg.to_radians().abs()));
+        frame.push(RowFrame { measured: [row.magnitude, 0.0], to_table: [[1.0, 0.0], [0.0, 0.0]] });
     }
     if phase.iter().all(|p| p.abs() <= std::f64::consts::PI) && phase.len() > 20 {
-        return Err(InputError::new(tables[0].file(), "all phase angles lie within 3.2 degrees")
+        return Err(InputError::new(first_file(&table.files), "all phase angles lie within 3.2 degrees")
             .at("column `phase_deg`")
             .help("radians? give degrees"));
     }
-    let mut all =
-        covariates(tables, &places, &["magnitude", "sigma_mag", "night", "series"], &[], &mut notes)?;
+    let row = |at: usize| &table.rows[at];
+    let mut all = covariates(
+        &table.files,
+        &order,
+        &[("phase_deg", &|at| Some(row(at).phase_deg)), ("airmass", &|at| row(at).airmass)],
+        &table.extra,
+        &mut notes,
+    )?;
     all.push(Covariate {
         name: "absolute_phase_deg".to_owned(),
         values: phase.iter().map(|p| p.abs()).collect(),
     });
-    let mut noise_key = vec![0.0; places.len()];
-    if tables.iter().all(|t| t.has("sigma_mag")) {
-        for (i, place) in places.iter().enumerate() {
-            noise_key[i] =
-                number_in(&tables[place.table], place.row, "sigma_mag", 1e-9..=100.0, "a number above 0")?
-                    .ln();
-        }
-    }
-    let rows = places.len();
+    let noise_key = match stated("sigma_mag", order.iter().map(|&at| row(at).sigma_mag), &mut notes) {
+        Some(sigma) => sigma.iter().map(|sigma| sigma.ln()).collect(),
+        None => vec![0.0; order.len()],
+    };
+    let rows = order.len();
     let groups = Group::in_order(groups.into_iter().map(|((_, name), rows)| (name, rows.len())));
     let jitters = groups.len() < rows;
     Ok(Dataset {
@@ -71,13 +75,13 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         y,
         groups,
         order,
-        table_rows,
+        table_rows: table.rows.len(),
         in_part: false,
         saturated: 0,
         covariates: all,
         noise_key,
         jitters,
-        channel: vec![3; rows],
+        channel: vec![Channel::W; rows],
         mounting: vec![0; rows],
         roll_rad: vec![0.0],
         half_tan: 1.0,
@@ -87,7 +91,7 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         held: None,
         field: OnceLock::new(),
         pixels: None,
-        files: source.files.to_vec(),
+        files: table.files.iter().map(|file| file.path.clone()).collect(),
         notes,
     })
 }

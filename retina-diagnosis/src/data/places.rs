@@ -2,6 +2,7 @@
 
 use glam::DVec2;
 use rayon::prelude::*;
+use retina_formats::Channel;
 
 use crate::linear::solve_positive;
 
@@ -30,7 +31,7 @@ pub(super) struct Known {
     /// log10 of the irradiance over full light.
     pub(super) l: f64,
     /// r, g, b, w.
-    pub(super) channel: u8,
+    pub(super) channel: Channel,
     /// How the camera stood.
     pub(super) mounting: usize,
     /// Exposure.
@@ -78,7 +79,7 @@ fn terms(known: &Known) -> [f64; TERMS] {
         }
     }
     [l, l * x, l * y, l * x * r2, l * y * r2].into_iter().for_each(&mut put);
-    for colour in [0, 2] {
+    for colour in [Channel::R, Channel::B] {
         let on = f64::from(u8::from(known.channel == colour));
         [on, on * x, on * y].into_iter().for_each(&mut put);
     }
@@ -178,7 +179,7 @@ mod tests {
             let wrong = if i % 20 == 3 { 4.0 } else { 0.0 };
             measured.push(at + DVec2::new(noise(i, 0.618_034) + wrong, noise(i, 0.414_214)));
             truth.push(at);
-            known.push(Known { predicted_px, x, y, l: 0.0, channel: 3, mounting: 0, group });
+            known.push(Known { predicted_px, x, y, l: 0.0, channel: Channel::G, mounting: 0, group });
         }
         let rms = |places: &[DVec2]| {
             let rows = (0..2000).filter(|i| i % 20 != 3);

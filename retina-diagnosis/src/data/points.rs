@@ -4,97 +4,89 @@ use std::collections::HashMap;
 use std::sync::OnceLock;
 
 use glam::{DMat2, DVec2};
-use retina_calibration::geometry::{Channel, log10_irradiance};
-use retina_files::{InputError, Table};
-use retina_radiometry::ScreenResponse;
+use retina_files::InputError;
+use retina_formats::{
+    Calibration, Channel, PointRow, PointsTable, TableKind, log10_irradiance, measured_or_power_law,
+};
 
-use super::read::{Baseline, Place, Source, channel_of, covariates, number_in};
+use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repeated, stated};
 use crate::field::{Held, HeldModel};
 
 use super::places::{Known, true_places_px};
-use super::{Covariate, Dataset, Group, RowFrame, TableKind, Term};
+use super::{Covariate, Dataset, Group, RowFrame, Term};
 
 pub(crate) const ARCSEC_PER_RAD: f64 = 206_264.806_247_096_36;
 
-const REQUIRED: [&str; 6] =
-    ["image", "screen_x_px", "screen_y_px", "digital_count", "camera_x_px", "camera_y_px"];
-/// Columns that are the measurement or say how good it is, and no cause of it.
-const NOT_COVARIATES: [&str; 8] =
-    ["image", "camera_x_px", "camera_y_px", "sigma_px", "saturated", "screen_x_px", "screen_y_px", "flux_dn"];
-
-/// A measured pixel; far off the sensor it is a slip of the table, not an outlier.
-fn camera_px(table: &Table, row: usize, column: &str, source: &Source<'_>) -> Result<f64, InputError> {
-    let camera = &source.setup.camera;
-    let most = 4.0 * f64::from(camera.width_px.max(camera.height_px));
-    let value = table.number(row, column)?;
-    if value.abs() <= most {
-        return Ok(value);
-    }
-    Err(InputError::new(table.file(), "the point is nowhere near the sensor")
-        .cell(table.line(row), column)
-        .found(value)
-        .expected(format!("pixels of a camera of {} x {}", camera.width_px, camera.height_px)))
+/// A point of an exposure is there once.
+fn refuse_repeated(table: &PointsTable) -> Result<(), InputError> {
+    let cells = |at: usize| {
+        let row = &table.rows[at];
+        let mut cells = vec![
+            bits_of(&table.images[row.image]),
+            bits_of(&row.series),
+            row.channel as u64,
+            u64::from(row.saturated),
+        ];
+        let [screen, camera] = [row.screen_px, row.camera_px];
+        cells.extend([screen.x, screen.y, row.digital_count, camera.x, camera.y].map(f64::to_bits));
+        cells.extend(bits([row.sigma_px, row.time_s, row.temperature_c, row.row_load]));
+        cells.extend(bits([row.exposure_s, row.flux_dn, row.camera_roll_deg]));
+        cells.extend(table.extra.iter().map(|column| column.values[at].to_bits()));
+        cells
+    };
+    let repeated = repeated(table.rows.len(), cells);
+    let Some(&(again, before)) = repeated.first() else { return Ok(()) };
+    let (again, before) = (&table.rows[again], &table.rows[before]);
+    let file = |row: &PointRow| table.files.get(row.file).map_or(first_file(&table.files), |file| &file.path);
+    Err(InputError::new(file(again), "the row repeats another in every cell")
+        .line(again.line)
+        .found(format!("{} such rows in all", repeated.len()))
+        .expected("each point of an exposure once")
+        .help(format!("delete the copies; the first is line {} of {}", before.line, file(before).display())))
 }
 
-pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, InputError> {
+pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, InputError> {
+    refuse_repeated(table)?;
     let mut notes = Vec::new();
-    let mut groups: Vec<(String, Vec<Place>)> = Vec::new();
-    let mut index: HashMap<(usize, String), usize> = HashMap::new();
-    let (mut saturated, mut table_rows, mut first_row) = (0, 0, Vec::new());
-    for (t, table) in tables.iter().enumerate() {
-        table.require(&REQUIRED)?;
-        first_row.push(table_rows);
-        table_rows += table.len();
-        for row in 0..table.len() {
-            let image = table.text(row, "image");
-            if image.is_empty() {
-                return Err(InputError::new(table.file(), "the cell is empty")
-                    .cell(table.line(row), "image")
-                    .expected("the exposure's name"));
-            }
-            if table.number_or_empty(row, "saturated")?.is_some_and(|value| value != 0.0) {
-                saturated += 1;
-                continue;
-            }
-            let next = groups.len();
-            let group = *index.entry((t, image.to_owned())).or_insert(next);
-            if group == next {
-                groups.push((image.to_owned(), Vec::new()));
-            }
-            groups[group].1.push(Place { table: t, row });
+    let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
+    let mut of_image: HashMap<usize, usize> = HashMap::new();
+    let mut saturated = 0;
+    for (at, row) in table.rows.iter().enumerate() {
+        if row.saturated {
+            saturated += 1;
+            continue;
         }
+        let next = groups.len();
+        let group = *of_image.entry(row.image).or_insert(next);
+        if group == next {
+            groups.push((table.images[row.image].clone(), Vec::new()));
+        }
+        groups[group].1.push(at);
     }
-    let places: Vec<Place> = groups.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
-    let order: Vec<usize> = places.iter().map(|p| first_row[p.table] + p.row).collect();
+    let order: Vec<usize> = groups.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
 
     let (facility, camera) = (source.setup.facility_pinhole(), source.setup.camera_pinhole());
-    let response =
-        ScreenResponse::power_law(source.setup.response_gamma(), source.setup.brightest_magnitude());
-    let mut undistorted = Vec::with_capacity(places.len());
-    let mut sights = Vec::with_capacity(places.len());
-    let mut measured = Vec::with_capacity(places.len());
+    // The irradiance that the calibration's D^-1 means is that of its own response.
+    let response = match source.calibration {
+        Some(calibration) => calibration.screen_response(source.setup),
+        None => measured_or_power_law(None, source.setup),
+    };
+    let mut undistorted = Vec::with_capacity(order.len());
+    let mut sights = Vec::with_capacity(order.len());
+    let mut measured = Vec::with_capacity(order.len());
     let (mut l, mut channel, mut mounting) = (Vec::new(), Vec::new(), Vec::new());
     let mut mountings: Vec<(usize, Option<f64>)> = Vec::new();
-    let (mut screen, mut counts) = (Vec::new(), Vec::new());
-    for place in &places {
-        let (table, row) = (&tables[place.table], place.row);
-        let count = number_in(table, row, "digital_count", 1e-9..=255.0, "a count above 0, at most 255")?;
-        let at = DVec2::new(table.number(row, "screen_x_px")?, table.number(row, "screen_y_px")?);
-        let seen = DVec2::new(
-            camera_px(table, row, "camera_x_px", source)?,
-            camera_px(table, row, "camera_y_px", source)?,
-        );
-        let name = channel_of(table, row)?;
-        let light = [Channel::R, Channel::G, Channel::B, Channel::W][usize::from(name)];
-        channel.push(name);
+    let mut screen = Vec::new();
+    for &at in &order {
+        let row = &table.rows[at];
+        channel.push(row.channel);
         // Below one count the interpolation starts from no light, whose logarithm is none.
-        l.push(log10_irradiance(&response, light, count).max(-6.0));
-        counts.push(count);
-        undistorted.push(facility.line_of_sight(at));
-        sights.push(camera.line_of_sight(seen));
-        measured.push(seen);
-        screen.push(at);
-        let key = (place.table, table.number_or_empty(row, "camera_roll_deg")?);
+        l.push(log10_irradiance(&response, row.channel, row.digital_count).max(-6.0));
+        undistorted.push(facility.line_of_sight(row.screen_px));
+        sights.push(camera.line_of_sight(row.camera_px));
+        measured.push(row.camera_px);
+        screen.push(row.screen_px);
+        let key = (row.file, row.camera_roll_deg);
         let known = mountings.iter().position(|m| *m == key);
         mounting.push(known.unwrap_or(mountings.len()));
         if known.is_none() {
@@ -102,7 +94,7 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         }
     }
     if undistorted.is_empty() {
-        return Err(InputError::new(tables[0].file(), "holds no usable points")
+        return Err(InputError::new(first_file(&table.files), "holds no usable points")
             .found(format!("{saturated} saturated rows")));
     }
     let predicted: Vec<DVec2> = match source.calibration {
@@ -120,9 +112,9 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
     }
     let roll_rad = rolls(&predicted, &sights, &mounting, mountings.len());
     let half_tan = 0.5 * f64::from(camera.width_px) / camera.fx_px;
-    let mut y = Vec::with_capacity(2 * places.len());
-    let mut frame = Vec::with_capacity(places.len());
-    for i in 0..places.len() {
+    let mut y = Vec::with_capacity(2 * order.len());
+    let mut frame = Vec::with_capacity(order.len());
+    for i in 0..order.len() {
         let facility_from_camera = DMat2::from_angle(roll_rad[mounting[i]]);
         let off = (facility_from_camera * sights[i] - predicted[i]) * ARCSEC_PER_RAD;
         y.extend([off.x, off.y]);
@@ -137,7 +129,21 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         });
     }
 
-    let mut all = covariates(tables, &places, &NOT_COVARIATES, &["channel", "series"], &mut notes)?;
+    let row = |at: usize| &table.rows[at];
+    let mut all = covariates(
+        &table.files,
+        &order,
+        &[
+            ("digital_count", &|at| Some(row(at).digital_count)),
+            ("time_s", &|at| row(at).time_s),
+            ("temperature_c", &|at| row(at).temperature_c),
+            ("row_load", &|at| row(at).row_load),
+            ("exposure_s", &|at| row(at).exposure_s),
+            ("camera_roll_deg", &|at| row(at).camera_roll_deg),
+        ],
+        &table.extra,
+        &mut notes,
+    )?;
     let position: Vec<DVec2> = undistorted.iter().map(|u| *u / half_tan).collect();
     let known: Vec<Known> = groups
         .iter()
@@ -169,11 +175,12 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
     add("screen_phase_x", screen.iter().map(|c| c.x.rem_euclid(1.0)).collect());
     add("screen_phase_y", screen.iter().map(|c| c.y.rem_euclid(1.0)).collect());
     if channel.iter().any(|c| *c != channel[0]) {
-        for (k, name) in ["channel_r", "channel_g", "channel_b"].into_iter().enumerate() {
-            add(name, channel.iter().map(|c| f64::from(u8::from(usize::from(*c) == k))).collect());
+        for (colour, name) in Channel::COLOURS.into_iter().zip(["channel_r", "channel_g", "channel_b"]) {
+            add(name, channel.iter().map(|c| f64::from(u8::from(*c == colour))).collect());
         }
     }
-    let noise_key = noise_key(tables, &places, &l)?;
+    let rows: Vec<&PointRow> = order.iter().map(|&at| &table.rows[at]).collect();
+    let noise_key = noise_key(&rows, &l, &mut notes);
     let mut start = 0;
     let groups = groups
         .into_iter()
@@ -188,7 +195,7 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         y,
         groups,
         order,
-        table_rows,
+        table_rows: table.rows.len(),
         in_part: false,
         saturated,
         covariates: all,
@@ -204,17 +211,13 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         held: held.map(Held::Geometry),
         field: OnceLock::new(),
         pixels: None,
-        files: source.files.to_vec(),
+        files: table.files.iter().map(|file| file.path.clone()).collect(),
         notes,
     })
 }
 
 /// The calibration's line of sight for each displayed point: its inverse undone at the point's own irradiance, else D.
-fn fixed(
-    calibration: &retina_geometry::Calibration,
-    undistorted: &[DVec2],
-    l: &[f64],
-) -> Result<Vec<DVec2>, String> {
+fn fixed(calibration: &Calibration, undistorted: &[DVec2], l: &[f64]) -> Result<Vec<DVec2>, String> {
     let Some(inverse) = &calibration.inverse else {
         return Ok(undistorted.iter().map(|u| calibration.distortion.distort(*u)).collect());
     };
@@ -259,35 +262,17 @@ fn rolls(predicted: &[DVec2], sights: &[DVec2], mounting: &[usize], count: usize
 }
 
 /// ln of what the noise is told from: sigma_px, else 1 / flux, else 1 / (irradiance x exposure).
-fn noise_key(tables: &[Table], places: &[Place], l: &[f64]) -> Result<Vec<f64>, InputError> {
-    let column = |name: &str| -> Result<Option<Vec<f64>>, InputError> {
-        let mut out = Vec::with_capacity(places.len());
-        for place in places {
-            match tables[place.table].number_or_empty(place.row, name)? {
-                Some(value) if value > 0.0 => out.push(value),
-                Some(value) if name != "flux_dn" => {
-                    return Err(InputError::new(
-                        tables[place.table].file(),
-                        "the value is outside its range",
-                    )
-                    .cell(tables[place.table].line(place.row), name)
-                    .found(value)
-                    .expected("a number above 0"));
-                }
-                _ => return Ok(None),
-            }
-        }
-        Ok(Some(out))
-    };
-    if let Some(sigma) = column("sigma_px")? {
-        return Ok(sigma.iter().map(|s| s.ln()).collect());
+fn noise_key(rows: &[&PointRow], l: &[f64], notes: &mut Vec<String>) -> Vec<f64> {
+    if let Some(sigma) = stated("sigma_px", rows.iter().map(|row| row.sigma_px), notes) {
+        return sigma.iter().map(|s| s.ln()).collect();
     }
-    if let Some(flux) = column("flux_dn")? {
-        return Ok(flux.iter().map(|f| -f.ln()).collect());
+    let flux: Option<Vec<f64>> = rows.iter().map(|row| row.flux_dn.filter(|flux| *flux > 0.0)).collect();
+    if let Some(flux) = flux {
+        return flux.iter().map(|f| -f.ln()).collect();
     }
-    let exposure = column("exposure_s")?;
+    let exposure: Option<Vec<f64>> = rows.iter().map(|row| row.exposure_s).collect();
     let ln_exposure = |i: usize| exposure.as_ref().map_or(0.0, |e| e[i].ln());
-    Ok(l.iter().enumerate().map(|(i, l)| -l * std::f64::consts::LN_10 - ln_exposure(i)).collect())
+    l.iter().enumerate().map(|(i, l)| -l * std::f64::consts::LN_10 - ln_exposure(i)).collect()
 }
 
 /// Shift and linear terms of each mounting, radial terms of all (`Physical`); a polynomial; or a similarity.

@@ -4,87 +4,94 @@ use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 use faer::Mat;
-use retina_files::{InputError, Table};
-use retina_response::{ChannelCurve, RadiometricCalibration};
+use retina_files::InputError;
+use retina_formats::{Channel, ChannelCurve, PowerRow, PowerTable, RadiometricCalibration, TableKind};
 
-use super::read::{Baseline, Place, Source, channel_of, covariates, number_in};
+use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repeated, stated};
 use crate::field::Held;
 use crate::linear::cholesky;
 
-use super::{Covariate, Dataset, Group, RowFrame, TableKind, Term};
+use super::{Covariate, Dataset, Group, RowFrame, Term};
 
-const REQUIRED: [&str; 4] = ["channel", "digital_count", "square_px", "irradiance_w_m2"];
-
-pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, InputError> {
-    let mut notes = Vec::new();
-    let mut groups: BTreeMap<(usize, String), Vec<Place>> = BTreeMap::new();
-    let (mut table_rows, mut first_row) = (0, Vec::new());
-    let mut by_setting = false;
-    for (t, table) in tables.iter().enumerate() {
-        table.require(&REQUIRED)?;
-        first_row.push(table_rows);
-        table_rows += table.len();
-        for row in 0..table.len() {
-            let series = table.text(row, "series");
-            let key = if series.is_empty() {
-                by_setting = true;
-                ["channel", "digital_count", "square_px"].map(|c| table.text(row, c)).join("/")
-            } else {
-                series.to_owned()
-            };
-            groups.entry((t, key)).or_default().push(Place { table: t, row });
-        }
+/// A series' name, or that of the setting where a row has none.
+fn group_of(row: &PowerRow) -> String {
+    match &row.series {
+        Some(series) => series.to_string(),
+        None => format!("{}/{}/{}", row.channel.letter(), row.digital_count, row.square_px),
     }
+}
+
+/// Number of rows that repeat others: a meter that rounds may well show the same twice.
+fn repeats(table: &PowerTable) -> usize {
+    let cells = |at: usize| {
+        let row = &table.rows[at];
+        let mut cells = vec![bits_of(&row.series), row.channel as u64];
+        cells.extend([row.digital_count, row.square_px, row.irradiance_w_m2].map(f64::to_bits));
+        cells.extend(bits([row.sigma_w_m2, row.time_s, row.temperature_c]));
+        cells.extend(table.extra.iter().map(|column| column.values[at].to_bits()));
+        cells
+    };
+    repeated(table.rows.len(), cells).len()
+}
+
+pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, InputError> {
+    let mut notes = Vec::new();
+    let mut groups: BTreeMap<(usize, String), Vec<usize>> = BTreeMap::new();
+    for (at, row) in table.rows.iter().enumerate() {
+        groups.entry((row.file, group_of(row))).or_default().push(at);
+    }
+    let by_setting = table.rows.iter().any(|row| row.series.is_none());
     if by_setting {
         notes.push("rows without a series are grouped by channel, count and square".to_owned());
     }
-    let places: Vec<Place> = groups.values().flatten().copied().collect();
-    let order = places.iter().map(|p| first_row[p.table] + p.row).collect();
+    let repeats = repeats(table);
+    if repeats > 0 {
+        notes.push(format!("{repeats} rows repeat others in every cell"));
+    }
+    let order: Vec<usize> = groups.values().flatten().copied().collect();
+    let file = first_file(&table.files);
     let gamma = source.setup.response_gamma();
     let (mut measured, mut nominal, mut channel) = (Vec::new(), Vec::new(), Vec::new());
     let (mut level, mut square) = (Vec::new(), Vec::new());
-    for place in &places {
-        let (table, row) = (&tables[place.table], place.row);
-        let count = number_in(table, row, "digital_count", 0.0..=255.0, "a count from 0 to 255")?;
-        let side = number_in(
-            table,
-            row,
-            "square_px",
-            0.0..=1e5,
-            "the square's side in pixels, 0 for a dark reading",
-        )?;
-        let lit = channel_of(table, row)?;
+    for &at in &order {
+        let row = &table.rows[at];
+        let (count, side, lit) = (row.digital_count, row.square_px, row.channel);
         channel.push(lit);
         level.push(count / 255.0);
         square.push(side);
         let pixel = match source.response {
-            Some(response) => channels(lit).map(|c| light(&response.channels[c], count)).sum(),
-            None => (count / 255.0).powf(gamma) * if lit == 3 { 1.0 } else { 1.0 / 3.0 },
+            Some(response) => lit.lit().map(|c| light(&response.channels[c], count)).sum(),
+            None => (count / 255.0).powf(gamma) * lit.lit().len() as f64 / 3.0,
         };
         nominal.push(side * side * pixel);
-        measured.push(table.number(row, "irradiance_w_m2")?);
+        measured.push(row.irradiance_w_m2);
     }
     // The gain is a median, so that neither an effect nor an outlier turns the scale.
     let zero = source.response.map_or(0.0, zero_w_m2);
     let mut ratios: Vec<f64> =
         measured.iter().zip(&nominal).filter(|(_, n)| **n > 0.0).map(|(m, n)| (m - zero) / n).collect();
     if ratios.is_empty() {
-        return Err(InputError::new(tables[0].file(), "holds dark readings alone")
-            .expected("readings of lit squares"));
+        return Err(InputError::new(file, "holds dark readings alone").expected("readings of lit squares"));
     }
     let middle = ratios.len() / 2;
     let gain = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
     if gain <= 0.0 {
-        return Err(InputError::new(tables[0].file(), "half of the irradiances are not above 0").found(gain));
+        return Err(InputError::new(file, "half of the irradiances are not above 0").found(gain));
     }
     let faintest = nominal.iter().copied().filter(|n| *n > 0.0).fold(f64::INFINITY, f64::min);
     let scale: Vec<f64> = nominal.iter().map(|n| gain * n.max(faintest)).collect();
-    let y = (0..places.len()).map(|i| (measured[i] - zero - nominal[i] * gain) / scale[i]).collect();
+    let y = (0..order.len()).map(|i| (measured[i] - zero - nominal[i] * gain) / scale[i]).collect();
+    let row = |at: usize| &table.rows[at];
     let mut all = covariates(
-        tables,
-        &places,
-        &["channel", "irradiance_w_m2", "sigma_w_m2", "series"],
-        &[],
+        &table.files,
+        &order,
+        &[
+            ("digital_count", &|at| Some(row(at).digital_count)),
+            ("square_px", &|at| Some(row(at).square_px)),
+            ("time_s", &|at| row(at).time_s),
+            ("temperature_c", &|at| row(at).temperature_c),
+        ],
+        &table.extra,
         &mut notes,
     )?;
     let mut add = |name: &str, values: Vec<f64>| all.push(Covariate { name: name.to_owned(), values });
@@ -93,40 +100,31 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
     add("level", level.clone());
     add("per_irradiance", scale.iter().map(|s| 1.0 / s).collect());
     add("lit", nominal.iter().map(|n| f64::from(u8::from(*n > 0.0))).collect());
-    for (k, name) in ["channel_r", "channel_g", "channel_b", "channel_w"].into_iter().enumerate() {
-        add(name, channel.iter().map(|c| f64::from(u8::from(usize::from(*c) == k))).collect());
+    for (of, name) in Channel::ALL.into_iter().zip(["channel_r", "channel_g", "channel_b", "channel_w"]) {
+        add(name, channel.iter().map(|c| f64::from(u8::from(*c == of))).collect());
     }
     let mut noise_key: Vec<f64> = nominal.iter().map(|n| -n.max(faintest).ln()).collect();
-    if tables.iter().all(|t| t.has("sigma_w_m2")) {
-        for (i, place) in places.iter().enumerate() {
-            let sigma = number_in(
-                &tables[place.table],
-                place.row,
-                "sigma_w_m2",
-                1e-300..=f64::MAX,
-                "a number above 0",
-            )?;
-            noise_key[i] = (sigma / scale[i]).ln();
-        }
+    if let Some(sigma) = stated("sigma_w_m2", order.iter().map(|&at| row(at).sigma_w_m2), &mut notes) {
+        noise_key = sigma.iter().zip(&scale).map(|(sigma, scale)| (sigma / scale).ln()).collect();
     }
     let held = source.response.map(|response| {
-        let lit = |row: usize| channels(channel[row]);
+        let lit = |row: usize| channel[row].lit();
         Held::Response(open_columns(
             response,
-            places.len(),
+            order.len(),
             &lit,
             &|row| (square[row], level[row] * 255.0),
             &scale,
         ))
     });
-    let rows = places.len();
+    let rows = order.len();
     let groups = Group::in_order(groups.into_iter().map(|((_, name), rows)| (name, rows.len())));
     Ok(Dataset {
         kind: TableKind::Power,
         y,
         groups,
         order,
-        table_rows,
+        table_rows: table.rows.len(),
         in_part: false,
         saturated: 0,
         covariates: all,
@@ -144,14 +142,9 @@ pub(super) fn read(source: &Source<'_>, tables: &[Table]) -> Result<Dataset, Inp
         held,
         field: OnceLock::new(),
         pixels: None,
-        files: source.files.to_vec(),
+        files: table.files.iter().map(|file| file.path.clone()).collect(),
         notes,
     })
-}
-
-/// Channels that are lit, as indices into r, g, b, where a reading says `channel`.
-fn channels(channel: u8) -> std::ops::Range<usize> {
-    if channel == 3 { 0..3 } else { usize::from(channel)..usize::from(channel) + 1 }
 }
 
 /// A pixel's light, W m^-2; straight between whole counts.

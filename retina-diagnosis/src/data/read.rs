@@ -1,15 +1,15 @@
-//! Tables from files: which one it is, its rows in groups, its covariates.
+//! Tables as data: what they are compared with, repeated rows, covariates.
 
 use std::collections::HashMap;
 use std::collections::hash_map::{DefaultHasher, Entry};
-use std::hash::{Hash as _, Hasher as _};
-use std::path::PathBuf;
+use std::hash::{Hash, Hasher as _};
+use std::path::Path;
 
-use retina_files::{InputError, Table};
-use retina_geometry::{Calibration, Setup};
-use retina_response::RadiometricCalibration;
+use retina_files::InputError;
+use retina_formats::{Calibration, ExtraColumn, Measurements, RadiometricCalibration, SourceFile};
+use retina_geometry::Setup;
 
-use super::{Covariate, Dataset, large, phase, points, power};
+use super::{Covariate, Dataset, phase, points, power};
 
 /// What is always fitted besides effects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,10 +41,10 @@ impl Baseline {
     }
 }
 
-/// Where data come from and what they are compared with.
+/// Measurements, and what they are compared with.
 pub struct Source<'a> {
-    /// The tables, all of one kind.
-    pub files: &'a [PathBuf],
+    /// The tables, read from files or made in memory.
+    pub tables: &'a Measurements,
     /// The facility.
     pub setup: &'a Setup,
     /// A model held fixed, of points.
@@ -59,127 +59,50 @@ pub struct Source<'a> {
 const FEWEST_ROWS: usize = 12;
 
 impl Dataset {
-    /// Reads tables of one kind together.
+    /// Makes the tables ready to be explained.
     ///
     /// # Errors
-    /// The columns are of no table, or of different ones; a cell does not fit; too few rows.
-    pub fn read(source: &Source<'_>) -> Result<Self, InputError> {
-        let parts: Vec<large::Part> =
-            source.files.iter().map(|path| large::read(path)).collect::<Result<_, _>>()?;
-        let in_part: Vec<String> = parts.iter().filter_map(|part| part.note.clone()).collect();
-        let tables: Vec<Table> = parts.into_iter().map(|part| part.table).collect();
-        let mut data = Self::of_tables(source, &tables)?;
-        data.in_part = !in_part.is_empty();
-        data.notes.extend(in_part);
-        Ok(data)
-    }
-
-    /// The same from tables at hand.
-    pub(crate) fn of_tables(source: &Source<'_>, tables: &[Table]) -> Result<Self, InputError> {
-        let Some(first) = tables.first() else {
-            return Err(InputError::new("--data", "names no table").expected("at least one file"));
+    /// The tables were not measured with the setup, hold rows twice, or hold too few.
+    pub fn new(source: &Source<'_>) -> Result<Self, InputError> {
+        source.tables.check_setup(source.setup)?;
+        let mut data = match source.tables {
+            Measurements::Points(table) => points::read(source, table)?,
+            Measurements::Power(table) => power::read(source, table)?,
+            Measurements::Phase(table) => phase::read(source, table)?,
         };
-        let kind = Kind::of(first)?;
-        for table in tables {
-            if Kind::of(table)? != kind {
-                return Err(InputError::new(table.file(), "is another kind of table than the first")
-                    .found(format!("columns {}", table.columns().join(", ")))
-                    .expected(format!("those of {}", first.file().display()))
-                    .help("give tables of one kind in one command"));
-            }
-        }
-        let repeated = repeated(tables);
-        if let (Kind::Points, Some((place, before))) = (kind, repeated.first()) {
-            let (table, earlier) = (&tables[place.table], &tables[before.table]);
-            return Err(InputError::new(table.file(), "the row repeats another in every cell")
-                .line(table.line(place.row))
-                .found(format!("{} such rows in all", repeated.len()))
-                .expected("each point of an exposure once")
-                .help(format!(
-                    "delete the copies; the first is line {} of {}",
-                    earlier.line(before.row),
-                    earlier.file().display()
-                )));
-        }
-        let mut data = match kind {
-            Kind::Points => points::read(source, tables)?,
-            Kind::Power => power::read(source, tables)?,
-            Kind::Phase => phase::read(source, tables)?,
-        };
+        let files = source.tables.files();
         if data.len() < FEWEST_ROWS {
-            return Err(InputError::new(first.file(), "has too few rows to be explained")
+            return Err(InputError::new(first_file(files), "has too few rows to be explained")
                 .found(format!("{} usable rows", data.len()))
                 .expected(format!("at least {FEWEST_ROWS}")));
         }
-        if !repeated.is_empty() {
-            // A meter that rounds may well show the same twice.
-            data.notes.push(format!("{} rows repeat others in every cell", repeated.len()));
-        }
+        data.in_part = files.iter().any(|file| file.note.is_some());
+        data.notes.extend(files.iter().filter_map(|file| file.note.clone()));
         Ok(data)
     }
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Points,
-    Power,
-    Phase,
+/// The file that errors about the whole name.
+pub(super) fn first_file(files: &[SourceFile]) -> &Path {
+    files.first().map_or(Path::new("data"), |file| &file.path)
 }
 
-impl Kind {
-    fn of(table: &Table) -> Result<Self, InputError> {
-        if table.has("screen_x_px") || table.has("camera_x_px") {
-            Ok(Self::Points)
-        } else if table.has("irradiance_w_m2") {
-            Ok(Self::Power)
-        } else if table.has("phase_deg") {
-            Ok(Self::Phase)
-        } else if table.has("measured") {
-            Err(InputError::new(
-                table.file(),
-                "is a table of frames, whose images have to be predicted first",
-            )
-            .expected("points, power or phase")
-            .help("give tables of frames by themselves"))
-        } else {
-            Err(InputError::new(table.file(), "has the columns of no table that is known")
-                .found(format!("columns {}", table.columns().join(", ")))
-                .expected(
-                    "camera_x_px (points), irradiance_w_m2 (power), phase_deg (phase) or measured (frames)",
-                ))
-        }
-    }
-}
-
-/// A row of a file: which table and which row in it.
-#[derive(Clone, Copy)]
-pub(super) struct Place {
-    pub(super) table: usize,
-    pub(super) row: usize,
-}
-
-/// Rows that are the same as an earlier one in every cell, with that one.
-fn repeated(tables: &[Table]) -> Vec<(Place, Place)> {
-    let mut seen: HashMap<u64, Place> = HashMap::new();
+/// Rows that are the same as an earlier one in every cell, with that one. `cells` gives a row's cells as bits.
+pub(super) fn repeated(rows: usize, cells: impl Fn(usize) -> Vec<u64>) -> Vec<(usize, usize)> {
+    let mut seen: HashMap<u64, usize> = HashMap::new();
     let mut out = Vec::new();
-    let cells = |place: Place| {
-        let table = &tables[place.table];
-        table.columns().iter().map(move |column| table.text(place.row, column))
-    };
-    for (t, table) in tables.iter().enumerate() {
-        for row in 0..table.len() {
-            let place = Place { table: t, row };
-            let mut hasher = DefaultHasher::new();
-            cells(place).for_each(|cell| cell.hash(&mut hasher));
-            match seen.entry(hasher.finish()) {
-                Entry::Vacant(entry) => {
-                    entry.insert(place);
-                }
-                Entry::Occupied(entry) => {
-                    let before = *entry.get();
-                    if cells(before).eq(cells(place)) && tables[before.table].columns() == table.columns() {
-                        out.push((place, before));
-                    }
+    for row in 0..rows {
+        let own = cells(row);
+        let mut hasher = DefaultHasher::new();
+        own.hash(&mut hasher);
+        match seen.entry(hasher.finish()) {
+            Entry::Vacant(entry) => {
+                entry.insert(row);
+            }
+            Entry::Occupied(entry) => {
+                let before = *entry.get();
+                if cells(before) == own {
+                    out.push((row, before));
                 }
             }
         }
@@ -187,51 +110,69 @@ fn repeated(tables: &[Table]) -> Vec<(Place, Place)> {
     out
 }
 
-/// All numeric columns beside `not`, of rows in the data's order; a column with an empty cell is left out with a note.
+/// Bits of a text or of a number that may not be there.
+pub(super) fn bits_of(value: impl Hash) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    value.hash(&mut hasher);
+    hasher.finish()
+}
+
+/// Numbers that may not be there, as bits.
+pub(super) fn bits<const N: usize>(values: [Option<f64>; N]) -> [u64; N] {
+    values.map(|value| value.map_or(u64::MAX, f64::to_bits))
+}
+
+/// A column that the schema names: its name and its value in a row of the table.
+pub(super) type Named<'a> = (&'static str, &'a dyn Fn(usize) -> Option<f64>);
+
+/// Numeric columns as covariates: those that the schema names, then further ones. `rows` are rows of the table in the
+/// data's order. A column with an empty cell is left out with a note.
 pub(super) fn covariates(
-    tables: &[Table],
-    places: &[Place],
-    not: &[&str],
-    text: &[&str],
+    files: &[SourceFile],
+    rows: &[usize],
+    named: &[Named<'_>],
+    extra: &[ExtraColumn],
     notes: &mut Vec<String>,
 ) -> Result<Vec<Covariate>, InputError> {
-    let mut names: Vec<&str> = Vec::new();
-    for table in tables {
-        for name in table.columns() {
-            if !not.contains(&name.as_str())
-                && !text.contains(&name.as_str())
-                && !names.contains(&name.as_str())
-            {
-                names.push(name);
-            }
-        }
-    }
+    let columns = named
+        .iter()
+        .map(|(name, value)| (*name, rows.iter().map(|&row| value(row).unwrap_or(f64::NAN)).collect()))
+        .chain(extra.iter().map(|column| {
+            (column.name.as_str(), rows.iter().map(|&row| column.values[row]).collect::<Vec<f64>>())
+        }));
     let mut out = Vec::new();
-    for name in names {
-        let mut values = Vec::with_capacity(places.len());
-        let mut empty = 0;
-        for place in places {
-            match tables[place.table].number_or_empty(place.row, name)? {
-                Some(value) => values.push(value),
-                None => empty += 1,
-            }
-        }
+    for (name, values) in columns {
+        let empty = values.iter().filter(|value| value.is_nan()).count();
         if empty == 0 {
             out.push(Covariate { name: name.to_owned(), values });
-        } else if empty < places.len() {
+        } else if empty < rows.len() {
             notes.push(format!("column `{name}` is empty in {empty} rows and is not used"));
         }
     }
-    check_units(tables, &out)?;
+    check_units(first_file(files), &out)?;
     Ok(out)
 }
 
+/// Standard deviations that every row states; where only some do, a note says that they are not used.
+pub(super) fn stated(
+    column: &str,
+    values: impl Iterator<Item = Option<f64>>,
+    notes: &mut Vec<String>,
+) -> Option<Vec<f64>> {
+    let values: Vec<Option<f64>> = values.collect();
+    let empty = values.iter().filter(|value| value.is_none()).count();
+    if empty > 0 && empty < values.len() {
+        notes.push(format!("column `{column}` is empty in {empty} rows and is not used"));
+    }
+    values.into_iter().collect()
+}
+
 /// Magnitudes that no such quantity has in its unit.
-fn check_units(tables: &[Table], covariates: &[Covariate]) -> Result<(), InputError> {
+fn check_units(file: &Path, covariates: &[Covariate]) -> Result<(), InputError> {
     for covariate in covariates {
         let (low, high) = covariate.range();
         let wrong = |problem: &str, help: &str| {
-            Err(InputError::new(tables[0].file(), problem.to_owned())
+            Err(InputError::new(file, problem.to_owned())
                 .at(format!("column `{}`", covariate.name))
                 .found(format!("values from {low} to {high}"))
                 .help(help))
@@ -262,36 +203,4 @@ fn check_units(tables: &[Table], covariates: &[Covariate]) -> Result<(), InputEr
         }
     }
     Ok(())
-}
-
-/// Number of a cell with a range.
-pub(super) fn number_in(
-    table: &Table,
-    row: usize,
-    column: &str,
-    range: std::ops::RangeInclusive<f64>,
-    expected: &str,
-) -> Result<f64, InputError> {
-    let value = table.number(row, column)?;
-    if range.contains(&value) {
-        return Ok(value);
-    }
-    Err(InputError::new(table.file(), "the value is outside its range")
-        .cell(table.line(row), column)
-        .found(value)
-        .expected(expected))
-}
-
-/// Channel of a cell as an index into r, g, b, w; white where the cell is empty.
-pub(super) fn channel_of(table: &Table, row: usize) -> Result<u8, InputError> {
-    match table.text(row, "channel") {
-        "r" => Ok(0),
-        "g" => Ok(1),
-        "b" => Ok(2),
-        "w" | "" => Ok(3),
-        other => Err(InputError::new(table.file(), "is no channel")
-            .cell(table.line(row), "channel")
-            .found(format!("`{other}`"))
-            .expected("r, g, b or w")),
-    }
 }

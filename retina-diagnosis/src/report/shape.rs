@@ -5,10 +5,11 @@ use std::fmt::Write as _;
 use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
 use retina_files::InputError;
+use retina_formats::TableKind;
 use retina_plot::{Axis, Figure, PALETTE, Panel, Style};
 
 use crate::added::{AddedEffect, adjusted};
-use crate::data::{Dataset, TableKind};
+use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
 use crate::noise::robust_fit;
 

@@ -3,13 +3,14 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use retina_files::{InputError, Table, parse_toml};
+use retina_files::{InputError, parse_toml};
+use retina_formats::{Measurements, TableKind};
 use retina_geometry::Setup;
 use retina_plot::{Axis, Figure, PALETTE, Panel, Style};
 use retina_report::{Page, Section};
 
 use crate::catalogue::Effect;
-use crate::data::{Baseline, Dataset, Source, TableKind};
+use crate::data::{Baseline, Dataset, Source};
 
 /// The facility that signatures are drawn for: the paper's wide configuration.
 const SETUP: &str = retina_assets::WIDE_FOV_SETUP;
@@ -93,8 +94,9 @@ fn campaign(kind: TableKind) -> Result<Option<Dataset>, InputError> {
         TableKind::Frames => return Ok(None),
     };
     let baseline = Baseline::Physical;
-    let source = Source { files: &[], setup: &setup, calibration: None, response: None, baseline };
-    Dataset::of_tables(&source, &[Table::parse(path, &text)?]).map(Some)
+    let tables = Measurements::parse(path, &text)?;
+    let source = Source { tables: &tables, setup: &setup, calibration: None, response: None, baseline };
+    Dataset::new(&source).map(Some)
 }
 
 /// An effect's leading form, drawn: for points over the field where it is strongest, and against the columns it names;
@@ -103,9 +105,10 @@ fn campaign(kind: TableKind) -> Result<Option<Dataset>, InputError> {
 /// # Errors
 /// The campaign that it is drawn on cannot show it.
 pub fn signature_svg(effect: &Effect) -> Result<Option<String>, InputError> {
-    let Some(data) = campaign(effect.kind)? else { return Ok(None) };
-    let variants = (effect.build)(&data)
-        .map_err(|reason| InputError::new("EFFECT", format!("`{}` cannot be drawn: {reason}", effect.id)))?;
+    let Some(data) = campaign(effect.kind())? else { return Ok(None) };
+    let variants = effect.build(&data).map_err(|reason| {
+        InputError::new("EFFECT", format!("`{}` cannot be drawn: {reason}", effect.name()))
+    })?;
     // Of a list of shapes the middle one.
     let variant = &variants[variants.len() / 2];
     let mut values = vec![0.0; data.y.len()];
@@ -160,11 +163,11 @@ fn over_field(data: &Dataset, values: &[f64]) -> Panel {
 /// The columns that a signature is drawn against.
 fn axes_of(effect: &Effect) -> Vec<&str> {
     let mut out: Vec<&str> = effect
-        .covariates
+        .covariates()
         .iter()
         .copied()
         .map(|name| match name {
-            "channel" if effect.kind == TableKind::Points => "channel_b",
+            "channel" if effect.kind() == TableKind::Points => "channel_b",
             "channel" => "channel_w",
             "series" => "time_s",
             other => other,
@@ -185,7 +188,7 @@ fn axes_of(effect: &Effect) -> Vec<&str> {
 pub fn effects_page(effects: &[&'static Effect]) -> Result<Page, InputError> {
     let mut page = Page::new("effects", "Catalogue of effects");
     for &effect in effects {
-        let mut section = Section::new(effect.id);
+        let mut section = Section::new(effect.name());
         if let Some(svg) = signature_svg(effect)? {
             section =
                 section.figure(&svg, "On a campaign laid out for it: the leading form, its largest value 1.");
@@ -198,20 +201,20 @@ pub fn effects_page(effects: &[&'static Effect]) -> Result<Page, InputError> {
 #[cfg(test)]
 mod tests {
     use crate::catalogue::effects;
-    use crate::data::TableKind;
+    use retina_formats::TableKind;
 
     /// Every effect has a picture of its own: none is empty, and no two are the same but for the pairs that are identical
     /// by the table of effects.
     #[test]
     fn signatures_differ() {
-        let all: Vec<_> = effects(None).into_iter().filter(|e| e.kind != TableKind::Frames).collect();
+        let all: Vec<_> = effects(None).into_iter().filter(|e| e.kind() != TableKind::Frames).collect();
         let drawn: Vec<String> =
             all.iter().map(|e| super::signature_svg(e).ok().flatten().unwrap_or_default()).collect();
         for (i, svg) in drawn.iter().enumerate() {
-            assert!(svg.len() > 2000, "{}: {} bytes", all[i].id, svg.len());
+            assert!(svg.len() > 2000, "{}: {} bytes", all[i].name(), svg.len());
             for j in 0..i {
                 let class = all[i].class.contains(&all[j].id);
-                assert!(class || drawn[j] != *svg, "{} looks like {}", all[i].id, all[j].id);
+                assert!(class || drawn[j] != *svg, "{} looks like {}", all[i].name(), all[j].name());
             }
         }
     }

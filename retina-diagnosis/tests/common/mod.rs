@@ -12,6 +12,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
 use retina_diagnosis::{Baseline, Dataset, Source};
+use retina_formats::Measurements;
 use retina_geometry::Setup;
 
 pub(crate) const ARCSEC: f64 = 1.0 / 206_264.806;
@@ -135,7 +136,8 @@ pub(crate) fn dataset(setup: &Setup, text: &str) -> Dataset {
     let folder = tempfile::tempdir().unwrap();
     let path: PathBuf = folder.path().join("table.csv");
     std::fs::write(&path, text).unwrap();
+    let tables = Measurements::read(&[path]).unwrap();
     let source =
-        Source { files: &[path], setup, calibration: None, response: None, baseline: Baseline::Physical };
-    Dataset::read(&source).unwrap()
+        Source { tables: &tables, setup, calibration: None, response: None, baseline: Baseline::Physical };
+    Dataset::new(&source).unwrap()
 }

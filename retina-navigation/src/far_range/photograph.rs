@@ -3,9 +3,10 @@
 use glam::DVec2;
 use rand_chacha::ChaCha8Rng;
 use retina_bench::{Bench, BenchError, Exposure, OpticsDetail, ScreenImage};
-use retina_campaign::{Facility, Table, camera_image, saturation_dn};
+use retina_campaign::{Facility, camera_image, saturation_dn};
+use retina_formats::{TableKind, measured_or_power_law};
 use retina_image::{DetectOptions, detect_points};
-use retina_radiometry::{ScreenResponse, irradiance_of_magnitude_w_m2_nm};
+use retina_radiometry::irradiance_of_magnitude_w_m2_nm;
 use retina_screen::PointPainter;
 
 use super::points::measured;
@@ -34,9 +35,12 @@ impl Photographer {
             Images::Points => None,
             Images::Ideal | Images::Bench => {
                 // Nothing is wrong with it but what the setup itself says, the camera's jitter for one.
-                let facility = Facility::new(setup, &[], Table::Points, f64::MAX, scenario.seed)?;
+                let facility = Facility::new(setup, &[], TableKind::Points, f64::MAX, scenario.seed)?;
                 let bench = facility.bench(OpticsDetail::default())?;
-                let response = ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude());
+                let response = scenario.calibration.as_ref().map_or_else(
+                    || measured_or_power_law(None, setup),
+                    |calibration| calibration.screen_response(setup),
+                );
                 let distortion = scenario.calibration.as_ref().map(|c| c.distortion.clone());
                 let inverse = scenario.calibration.as_ref().and_then(|c| c.inverse.clone());
                 let painter =

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, hash_bytes, read_schema, read_text};
-use retina_geometry::{Calibration, Setup};
+use retina_formats::Calibration;
+use retina_geometry::Setup;
 use retina_sky::deep_space::DeepSpace;
 use retina_sky::ephemeris::Ephemeris;
 use retina_sky::planets::Planet;

@@ -7,8 +7,9 @@ use retina_batch::{BackendChoice, Selection};
 use retina_bench::{Bench, Exposure, OpticsDetail, ScreenImage};
 use retina_campaign::{camera_image, saturation_dn};
 use retina_files::InputError;
+use retina_formats::measured_or_power_law;
 use retina_image::{DetectOptions, detect_points};
-use retina_radiometry::{ScreenResponse, irradiance_of_magnitude_w_m2_nm};
+use retina_radiometry::irradiance_of_magnitude_w_m2_nm;
 use retina_scene::{Compensation, Scene};
 use retina_screen::PointPainter;
 
@@ -96,7 +97,7 @@ fn camera_light(bench: &Bench, exposure_s: f64) -> Result<CameraLight, Experimen
     let setup = bench.setup();
     let [width, height] = [setup.screen.width_px, setup.screen.height_px];
     let magnitude = setup.brightest_magnitude() + FAINTER_MAG;
-    let response = ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude());
+    let response = measured_or_power_law(None, setup);
     let painter = PointPainter::new(setup.facility_pinhole(), None, response);
     let mut counts = vec![0; (width * height) as usize];
     for k in 0..PLACES[0] * PLACES[1] {

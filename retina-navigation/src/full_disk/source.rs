@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use retina_batch::{Selection, read_exr};
 use retina_files::{InputError, hash_bytes, hash_file, read_text};
-use retina_geometry::{Calibration, Setup};
+use retina_formats::{Calibration, MeasuredResponse, measured_or_power_law};
+use retina_geometry::Setup;
 use retina_image::{CameraImage, ReadOptions};
 use retina_radiometry::ScreenResponse;
-use retina_response::screen_response;
 use serde::{Deserialize, Serialize};
 
 use super::truth::FrameTruth;
@@ -421,7 +421,7 @@ fn linear_light(
 ) -> Result<(Vec<f32>, Option<f64>), InputError> {
     let named = calibration.or(choice.calibration.as_deref());
     let measured = match (setup, named) {
-        (Some(setup), Some(path)) => screen_response(path, setup)?,
+        (Some(setup), Some(path)) => MeasuredResponse::read(path, setup)?.map(|measured| measured.curve),
         _ => None,
     };
     if let (None, Some(path)) = (&measured, named) {
@@ -431,7 +431,7 @@ fn linear_light(
         ));
     }
     let response = measured.unwrap_or_else(|| match setup {
-        Some(setup) => ScreenResponse::power_law(setup.response_gamma(), setup.brightest_magnitude()),
+        Some(setup) => measured_or_power_law(None, setup),
         None => {
             notes.push("no setup is given: the screen's response is taken for (B / 255)^2.2".to_owned());
             ScreenResponse::power_law(2.2, 0.0)

@@ -1,7 +1,8 @@
 //! The camera of a limb measurement: pixels to lines of sight and back.
 
 use glam::DVec2;
-use retina_geometry::{Calibration, Pinhole};
+use retina_formats::Calibration;
+use retina_geometry::Pinhole;
 
 /// What lies between a pixel's position and the line of sight.
 #[derive(Debug, Clone)]

@@ -1,7 +1,8 @@
 //! From detected points to lines of sight.
 
 use glam::{DVec2, DVec3};
-use retina_geometry::{Calibration, Pinhole, Setup};
+use retina_formats::Calibration;
+use retina_geometry::{Pinhole, Setup};
 use retina_image::LightPoint;
 
 /// The camera as far as it is known before an image is solved.

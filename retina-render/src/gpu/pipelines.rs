@@ -125,7 +125,13 @@ impl Pipelines {
         );
         Self {
             visibility: [Some(wgpu::Face::Back), None].map(|cull| visibility(device, &scene_layout, cull)),
-            shade: compute(device, &[&scene_layout, &shade_layout], retina_shaders::shade(), "shade_pixels", layers),
+            shade: compute(
+                device,
+                &[&scene_layout, &shade_layout],
+                retina_shaders::shade(),
+                "shade_pixels",
+                layers,
+            ),
             probe: compute(
                 device,
                 &[&scene_layout, &shade_layout],

@@ -44,7 +44,8 @@ impl GpuWarp {
             entry(1, stage, storage(false)),
             entry(2, stage, uniform()),
         ]);
-        let pipeline = compute(&gpu.device, &[&frame_layout, &layout], retina_shaders::warp(), "resample", false);
+        let pipeline =
+            compute(&gpu.device, &[&frame_layout, &layout], retina_shaders::warp(), "resample", false);
         let k = &map.pinhole;
         let mut frame: Frame = bytemuck::Zeroable::zeroed();
         frame.intrinsics_px = [k.fx_px, k.fy_px, k.cx_px, k.cy_px].map(|v| v as f32);

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
-use retina_response::{Channel, ChannelResponse, Reading};
+use retina_formats::Channel;
+use retina_response::{ChannelResponse, Reading};
 
 /// I_full [(1 - b) (B/255)^gamma exp(bend(ln(B/255))) + b], and a meter.
 #[derive(Clone, Copy)]

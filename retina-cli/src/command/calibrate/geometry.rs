@@ -3,14 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use retina_calibration::geometry::{
-    self, CalibrateOptions, ImageReport, Pattern, PointsTable, calibrate, points_from_images, text_summary,
-    to_json,
+    self, CalibrateOptions, ImageReport, Pattern, calibrate, points_from_images, text_summary, to_json,
 };
 use retina_files::InputError;
+use retina_formats::{MeasuredResponse, PointsTable};
 use retina_geometry::Setup;
 use retina_image::{Centroid, DetectOptions};
-use retina_radiometry::ScreenResponse;
-use retina_response::screen_response;
 use serde_json::json;
 
 use crate::failure::Failure;
@@ -100,7 +98,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let result = calibrate(&table, &setup, &options)?;
     if let Some(path) = &arguments.points_out {
-        table.write(path)?;
+        table.write(path, &setup)?;
     }
     geometry::write_calibration(&arguments.out, &result, &table, &setup)?;
     if let Some(path) = &arguments.residuals {
@@ -125,14 +123,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// The measured response, if there is one.
-fn response(arguments: &Arguments, setup: &Setup) -> Result<Option<ScreenResponse>, Failure> {
+fn response(arguments: &Arguments, setup: &Setup) -> Result<Option<MeasuredResponse>, Failure> {
     if let Some(path) = &arguments.response {
         return measured_response(path, setup).map(Some);
     }
     if !arguments.out.is_file() {
         return Ok(None);
     }
-    let response = screen_response(&arguments.out, setup)?;
+    let response = MeasuredResponse::read(&arguments.out, setup)?;
     if response.is_some() {
         tell!("{}: its measured response is used", arguments.out.display());
     }
@@ -140,8 +138,8 @@ fn response(arguments: &Arguments, setup: &Setup) -> Result<Option<ScreenRespons
 }
 
 /// The measured response of a calibration that must have one.
-pub(crate) fn measured_response(path: &Path, setup: &Setup) -> Result<ScreenResponse, Failure> {
-    screen_response(path, setup)?.ok_or_else(|| {
+pub(crate) fn measured_response(path: &Path, setup: &Setup) -> Result<MeasuredResponse, Failure> {
+    MeasuredResponse::read(path, setup)?.ok_or_else(|| {
         InputError::new(path, "has no measured response")
             .expected("a table [response]")
             .help("make one with `retina calibrate radiometry --out`")

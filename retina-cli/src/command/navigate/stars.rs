@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use retina_files::InputError;
-use retina_geometry::{Calibration, Setup};
+use retina_formats::Calibration;
+use retina_geometry::Setup;
 use retina_image::{CameraImage, DetectOptions, IS_COLOUR, ReadOptions};
 use retina_navigation::image::{ImageContext, ImageResult, solve_image};
 use retina_navigation::planets::{PAPER_POSITION_SIGMA_M, PriorPosition};

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_campaign::{SkyObject, SkyOptions, Spot, Table, compare_with_sky, sky_page};
+use retina_campaign::{SkyObject, SkyOptions, Spot, compare_with_sky, sky_page};
 use retina_files::InputError;
-use retina_geometry::Calibration;
+use retina_formats::{Calibration, TableKind};
 use serde_json::{Value, json};
 
 use super::{Common, positive};
@@ -54,7 +54,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             .into());
     }
     let common = &arguments.common;
-    let facility = common.facility(Table::Frames, f64::MAX)?;
+    let facility = common.facility(TableKind::Frames, f64::MAX)?;
     let calibration =
         arguments.calibration.as_deref().map(|path| Calibration::read(path, &facility.setup)).transpose()?;
     let result = compare_with_sky(&facility, calibration.as_ref(), &options)?;

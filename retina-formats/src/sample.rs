@@ -1,11 +1,14 @@
-//! Tables of any length: of one that would not fit into memory every n-th group is read.
+//! Tables of any length: of one that would not fit into memory, every n-th group is read.
 
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 
-use retina_files::{InputError, Table};
+use retina_files::{InputError, Table, hash_file};
+
+use crate::columns::{SourceFile, open_whole};
+use crate::setup_stamp::SetupStamp;
 
 /// Rows that are read whole: a row takes some 700 bytes while a table is read.
 const MOST_ROWS: usize = 2_000_000;
@@ -13,24 +16,23 @@ const MOST_ROWS: usize = 2_000_000;
 const GROUPS: [&str; 3] = ["image", "series", "night"];
 
 /// A table, or part of it.
-pub(super) struct Part {
-    pub(super) table: Table,
-    /// What the user ought to know.
-    pub(super) note: Option<String>,
+pub(crate) struct Part {
+    pub(crate) table: Table,
+    pub(crate) file: SourceFile,
 }
 
 /// Reads a table, or every n-th group of one that has more than [`MOST_ROWS`] rows.
 ///
 /// # Errors
 /// The file cannot be read, or is no table.
-pub(super) fn read(path: &Path) -> Result<Part, InputError> {
+pub(crate) fn read(path: &Path) -> Result<Part, InputError> {
     read_most(path, MOST_ROWS)
 }
 
 fn read_most(path: &Path, most: usize) -> Result<Part, InputError> {
     // A row has some separators and an end: a shorter file is read without counting.
     let small = std::fs::metadata(path).is_ok_and(|file| file.len() / 8 <= most as u64);
-    let whole = || Ok(Part { table: Table::read(path)?, note: None });
+    let whole = || open_whole(path).map(|(table, file)| Part { table, file });
     if small {
         return whole();
     }
@@ -82,6 +84,8 @@ fn read_most(path: &Path, most: usize) -> Result<Part, InputError> {
             }
             row += usize::from(!first);
             first = false;
+        } else if line.starts_with('#') {
+            text.push_str(&line);
         }
         text.push('\n');
     }
@@ -90,7 +94,14 @@ fn read_most(path: &Path, most: usize) -> Result<Part, InputError> {
         path.display(),
         key.map_or("row", |key| names[key].as_str())
     );
-    Ok(Part { table: Table::parse(path, &text)?, note: Some(note) })
+    let file = SourceFile {
+        path: path.to_path_buf(),
+        blake3: hash_file(path)?,
+        setup: SetupStamp::of_text(path, &text)?,
+        note: Some(note),
+        rows,
+    };
+    Ok(Part { table: Table::parse(path, &text)?, file })
 }
 
 #[cfg(test)]
@@ -112,7 +123,7 @@ mod tests {
         assert!((0..30).all(|row| (part.table.number(row, "value").unwrap() as usize).is_multiple_of(2)));
         // Row 4 of the file stands on line 2 + 4 + 1.
         assert_eq!(part.table.line(2), 7);
-        assert!(part.note.unwrap().contains("30 of 60 rows were read, every 2-th image"));
-        assert!(read_most(&path, 60).unwrap().note.is_none());
+        assert!(part.file.note.unwrap().contains("30 of 60 rows were read, every 2-th image"));
+        assert!(read_most(&path, 60).unwrap().file.note.is_none());
     }
 }

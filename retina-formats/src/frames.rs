@@ -9,81 +9,93 @@ const TEXT: [&str; 6] = ["predicted", "scene", "frame", "measured", "mask", "sta
 
 /// What an image is compared with.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Prediction {
+pub enum Prediction {
     /// A linear EXR.
     File(PathBuf),
-    /// A frame of a scene, rendered here; from a smooth sphere of Lambert's law where `smooth`.
-    Scene { file: PathBuf, frame: usize, smooth: bool },
+    /// A frame of a scene, to be rendered.
+    Scene {
+        /// The scene.
+        file: PathBuf,
+        /// Its frame, from 0.
+        frame: usize,
+        /// Start from a smooth sphere of Lambert's law instead of the scene's own body.
+        smooth: bool,
+    },
 }
 
-/// A row.
+/// An acquired image and what it is compared with.
 #[derive(Debug, Clone)]
-pub(crate) struct Row {
+pub struct FrameRow {
     /// Its line, for errors.
-    pub(crate) line: usize,
-    pub(crate) prediction: Prediction,
-    pub(crate) measured: PathBuf,
-    pub(crate) mask: Option<PathBuf>,
+    pub line: usize,
+    /// What the image ought to show.
+    pub prediction: Prediction,
+    /// The acquired image.
+    pub measured: PathBuf,
+    /// Which of its pixels count.
+    pub mask: Option<PathBuf>,
     /// All numeric columns that are filled in every row.
-    pub(crate) numbers: Vec<(String, f64)>,
+    pub numbers: Vec<(String, f64)>,
 }
 
-impl Row {
-    pub(crate) fn number(&self, name: &str) -> Option<f64> {
+impl FrameRow {
+    /// The value of a numeric column.
+    pub fn number(&self, name: &str) -> Option<f64> {
         self.numbers.iter().find(|(n, _)| n == name).map(|(_, value)| *value)
     }
 }
 
-/// Whether a table is one of frames.
-///
-/// # Errors
-/// The file cannot be read as a table.
-pub fn is_frames_table(path: &Path) -> Result<bool, InputError> {
-    let table = Table::read(path)?;
-    let others = ["camera_x_px", "irradiance_w_m2", "phase_deg"];
-    let frames = ["measured", "scene", "predicted"].iter().any(|name| table.has(name));
-    Ok(frames && !others.iter().any(|name| table.has(name) && !table.has("measured")))
+/// The rows of a `frames.csv`; paths are relative to it.
+#[derive(Debug, Clone, Default)]
+pub struct FramesTable {
+    /// The rows.
+    pub rows: Vec<FrameRow>,
+    /// Columns that were left out because some cells are empty.
+    pub left_out: Vec<String>,
 }
 
-/// Reads a table; paths are relative to it.
-pub(crate) fn read(path: &Path, notes: &mut Vec<String>) -> Result<Vec<Row>, InputError> {
-    let table = Table::read(path)?;
-    table.require(&["measured"])?;
-    if !table.has("predicted") {
-        table.require(&["scene", "frame"])?;
-    }
-    if table.is_empty() {
-        return Err(InputError::new(path, "has no rows").expected("a row for each image"));
-    }
-    let names: Vec<&String> = table.columns().iter().filter(|name| !TEXT.contains(&name.as_str())).collect();
-    let mut columns = Vec::new();
-    for name in names {
-        let mut filled = true;
-        for row in 0..table.len() {
-            filled &= table.number_or_empty(row, name)?.is_some();
+impl FramesTable {
+    /// Columns that only such a table has.
+    pub const COLUMNS: [&'static str; 3] = ["measured", "scene", "predicted"];
+
+    /// Reads a table.
+    ///
+    /// # Errors
+    /// A column is missing, a cell does not fit, an image is named twice, or there is no row.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        let table = Table::read(path)?;
+        table.require(&["measured"])?;
+        if !table.has("predicted") {
+            table.require(&["scene", "frame"])?;
         }
-        if filled {
-            columns.push(name.clone());
-        } else {
-            notes.push(format!("column `{name}` has empty cells and is left out"));
+        if table.is_empty() {
+            return Err(InputError::new(path, "has no rows").expected("a row for each image"));
         }
-    }
-    let folder = path.parent().unwrap_or(Path::new(""));
-    let rows: Vec<Row> =
-        (0..table.len()).map(|row| read_row(&table, row, folder, &columns)).collect::<Result<_, _>>()?;
-    for (at, row) in rows.iter().enumerate() {
-        if let Some(before) = rows[..at].iter().find(|before| before.measured == row.measured) {
-            return Err(InputError::new(path, "the image is there twice")
-                .cell(row.line, "measured")
-                .found(row.measured.display())
-                .expected("each image once")
-                .help(format!("the first is in line {}", before.line)));
+        let (mut columns, mut left_out) = (Vec::new(), Vec::new());
+        for name in table.columns().iter().filter(|name| !TEXT.contains(&name.as_str())) {
+            let mut filled = true;
+            for row in 0..table.len() {
+                filled &= table.number_or_empty(row, name)?.is_some();
+            }
+            if filled { &mut columns } else { &mut left_out }.push(name.clone());
         }
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let rows: Vec<FrameRow> =
+            (0..table.len()).map(|row| read_row(&table, row, folder, &columns)).collect::<Result<_, _>>()?;
+        for (at, row) in rows.iter().enumerate() {
+            if let Some(before) = rows[..at].iter().find(|before| before.measured == row.measured) {
+                return Err(InputError::new(path, "the image is there twice")
+                    .cell(row.line, "measured")
+                    .found(row.measured.display())
+                    .expected("each image once")
+                    .help(format!("the first is in line {}", before.line)));
+            }
+        }
+        Ok(Self { rows, left_out })
     }
-    Ok(rows)
 }
 
-fn read_row(table: &Table, row: usize, folder: &Path, columns: &[String]) -> Result<Row, InputError> {
+fn read_row(table: &Table, row: usize, folder: &Path, columns: &[String]) -> Result<FrameRow, InputError> {
     let line = table.line(row);
     let refuse = |column: &str, problem: &str| InputError::new(table.file(), problem).cell(line, column);
     let file = |column: &str| {
@@ -139,5 +151,5 @@ fn read_row(table: &Table, row: usize, folder: &Path, columns: &[String]) -> Res
     if let Some((name, value)) = numbers.iter().find(|(n, v)| n == "exposure_s" && *v <= 0.0) {
         return Err(refuse(name, "is no exposure time").found(value).expected("seconds above 0"));
     }
-    Ok(Row { line, prediction, measured, mask: file("mask"), numbers })
+    Ok(FrameRow { line, prediction, measured, mask: file("mask"), numbers })
 }

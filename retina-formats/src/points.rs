@@ -1,0 +1,303 @@
+//! `points.csv`: one displayed point in one exposure a row.
+
+use std::collections::HashMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::DVec2;
+use retina_files::{InputError, Table, write_atomic};
+use retina_geometry::Setup;
+
+use crate::columns::{Cells, csv_text, extend_extra, open};
+use crate::{Channel, ExtraColumn, SetupStamp, SourceFile};
+
+/// A displayed point and where the camera saw it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PointRow {
+    /// Index into [`PointsTable::images`].
+    pub image: usize,
+    /// Intended position on the screen, px.
+    pub screen_px: DVec2,
+    /// Digital count, above 0 up to 255; between whole numbers where several pixels share the light.
+    pub digital_count: f64,
+    /// Lit sub-pixels.
+    pub channel: Channel,
+    /// Measured centroid, camera px.
+    pub camera_px: DVec2,
+    /// Standard deviation of the centroid per axis, px.
+    pub sigma_px: Option<f64>,
+    /// Time of the exposure, s.
+    pub time_s: Option<f64>,
+    /// Temperature, degrees Celsius.
+    pub temperature_c: Option<f64>,
+    /// Lit fraction of the point's rows on the screen, 0 to 1.
+    pub row_load: Option<f64>,
+    /// Exposure time, s.
+    pub exposure_s: Option<f64>,
+    /// Measured light, DN.
+    pub flux_dn: Option<f64>,
+    /// A pixel of its spot is saturated.
+    pub saturated: bool,
+    /// How far the camera is rolled in its mount, degrees.
+    pub camera_roll_deg: Option<f64>,
+    /// Name of the series.
+    pub series: Option<Arc<str>>,
+    /// Index into [`PointsTable::files`].
+    pub file: usize,
+    /// Line in its file, from 1; 0 where it was not read from one.
+    pub line: usize,
+}
+
+impl PointRow {
+    /// A white point without any of the optional columns.
+    pub fn new(image: usize, screen_px: DVec2, digital_count: f64, camera_px: DVec2) -> Self {
+        Self {
+            image,
+            screen_px,
+            digital_count,
+            channel: Channel::W,
+            camera_px,
+            sigma_px: None,
+            time_s: None,
+            temperature_c: None,
+            row_load: None,
+            exposure_s: None,
+            flux_dn: None,
+            saturated: false,
+            camera_roll_deg: None,
+            series: None,
+            file: 0,
+            line: 0,
+        }
+    }
+}
+
+/// Rows of one or more `points.csv`, in the files' order, or made in memory.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PointsTable {
+    /// Exposure ids; rows of several files with the same id stay apart.
+    pub images: Vec<String>,
+    /// The rows.
+    pub rows: Vec<PointRow>,
+    /// Columns that the schema does not name.
+    pub extra: Vec<ExtraColumn>,
+    /// Files read; empty for a table made in memory.
+    pub files: Vec<SourceFile>,
+}
+
+const REQUIRED: [&str; 6] =
+    ["image", "screen_x_px", "screen_y_px", "digital_count", "camera_x_px", "camera_y_px"];
+const KNOWN: [&str; 16] = [
+    "image",
+    "screen_x_px",
+    "screen_y_px",
+    "digital_count",
+    "camera_x_px",
+    "camera_y_px",
+    "channel",
+    "sigma_px",
+    "time_s",
+    "temperature_c",
+    "row_load",
+    "exposure_s",
+    "flux_dn",
+    "saturated",
+    "camera_roll_deg",
+    "series",
+];
+/// A centroid may lie beyond the sensor's edge by this much, px: the spot is then cut.
+const EDGE_PX: f64 = 2.0;
+
+impl PointsTable {
+    /// Reads several tables of one facility together.
+    ///
+    /// # Errors
+    /// A column is missing, a cell is no number or outside its range, a file is given twice, or there is no row at all.
+    pub fn read(paths: &[PathBuf]) -> Result<Self, InputError> {
+        let mut out = Self::default();
+        for path in paths {
+            let (table, file) = open(path, &out.files)?;
+            out.append(&table, file)?;
+        }
+        match (out.rows.is_empty(), paths.first()) {
+            (true, Some(path)) => {
+                Err(InputError::new(path, "holds no points").expected("one row for each point and exposure"))
+            }
+            _ => Ok(out),
+        }
+    }
+
+    pub(crate) fn append(&mut self, table: &Table, file: SourceFile) -> Result<(), InputError> {
+        table.require(&REQUIRED)?;
+        extend_extra(&mut self.extra, self.rows.len(), table, &KNOWN)?;
+        let mut images: HashMap<String, usize> = HashMap::new();
+        let mut series = None;
+        let at = self.files.len();
+        self.files.push(file);
+        for row in 0..table.len() {
+            let cells = Cells { table, row };
+            let name = table.text(row, "image");
+            if name.is_empty() {
+                return Err(cells.wrong("image", "the exposure's name"));
+            }
+            let image = match images.get(name) {
+                Some(&image) => image,
+                None => {
+                    images.insert(name.to_owned(), self.images.len());
+                    self.images.push(name.to_owned());
+                    self.images.len() - 1
+                }
+            };
+            self.rows.push(read_row(&cells, image, &mut series, at)?);
+        }
+        Ok(())
+    }
+
+    /// Refuses points that cannot have been measured with `setup`: a table that names another setup, centroids beside
+    /// the sensor, places beside the screen.
+    ///
+    /// # Errors
+    /// As said, with the row.
+    pub fn check_setup(&self, setup: &Setup) -> Result<(), InputError> {
+        for file in &self.files {
+            file.setup.as_ref().map_or(Ok(()), |stamp| stamp.check(&file.path, setup))?;
+        }
+        let size = |width: u32, height: u32| DVec2::new(f64::from(width), f64::from(height));
+        let (camera, screen) = (&setup.camera, &setup.screen);
+        let (sensor_px, screen_px) =
+            (size(camera.width_px, camera.height_px), size(screen.width_px, screen.height_px));
+        let outside = |place: DVec2, size: DVec2, edge: f64| {
+            let beyond = |k: usize| place[k] < -edge || place[k] > size[k] + edge;
+            (0..2).find(|&k| beyond(k))
+        };
+        for row in &self.rows {
+            let checks = [
+                (
+                    "the centroid lies outside the sensor",
+                    row.camera_px,
+                    sensor_px,
+                    EDGE_PX,
+                    ["camera_x_px", "camera_y_px"],
+                ),
+                (
+                    "the point lies outside the screen",
+                    row.screen_px,
+                    screen_px,
+                    0.0,
+                    ["screen_x_px", "screen_y_px"],
+                ),
+            ];
+            for (problem, place, size, edge, columns) in checks {
+                if let Some(axis) = outside(place, size, edge) {
+                    return Err(self
+                        .refused(row, problem, columns[axis])
+                        .found(place[axis])
+                        .expected(format!(
+                            "0 to {}, for setup `{}` ({} x {} px)",
+                            size[axis], setup.name, size.x, size.y
+                        ))
+                        .help(
+                            "is it the setup that was measured? Columns may also be in each other's places",
+                        ));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// An error about a row's cell; names the file where the row came from one.
+    pub fn refused(&self, row: &PointRow, problem: &str, column: &str) -> InputError {
+        match self.files.get(row.file).filter(|_| row.line > 0) {
+            Some(file) => InputError::new(&file.path, problem).cell(row.line, column),
+            None => InputError::new(Path::new("points"), problem).at(format!(
+                "column `{column}`, image `{}`",
+                self.images.get(row.image).map_or("", String::as_str)
+            )),
+        }
+    }
+
+    /// Writes it as `points.csv` with the setup's name in a comment; optional columns that no row has are left out.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, path: &Path, setup: &Setup) -> Result<(), InputError> {
+        type Cell = fn(&PointRow) -> Option<String>;
+        let optional: [(&str, Cell); 10] = [
+            ("sigma_px", |row| row.sigma_px.map(|v| format!("{v:.5}"))),
+            ("flux_dn", |row| row.flux_dn.map(|v| format!("{v:.2}"))),
+            ("saturated", |row| Some(u8::from(row.saturated).to_string())),
+            ("channel", |row| Some(row.channel.letter().to_owned())),
+            ("exposure_s", |row| row.exposure_s.map(|v| v.to_string())),
+            ("row_load", |row| row.row_load.map(|v| format!("{v:.5}"))),
+            ("time_s", |row| row.time_s.map(|v| v.to_string())),
+            ("temperature_c", |row| row.temperature_c.map(|v| v.to_string())),
+            ("camera_roll_deg", |row| row.camera_roll_deg.map(|v| v.to_string())),
+            ("series", |row| row.series.as_deref().map(csv_text)),
+        ];
+        let used: Vec<&(&str, Cell)> =
+            optional.iter().filter(|(_, cell)| self.rows.iter().any(|row| cell(row).is_some())).collect();
+        let mut text = SetupStamp::of(setup).line();
+        text.push_str(&REQUIRED.join(","));
+        for name in used.iter().map(|(name, _)| *name).chain(self.extra.iter().map(|c| c.name.as_str())) {
+            text.push(',');
+            text.push_str(name);
+        }
+        text.push('\n');
+        for (at, row) in self.rows.iter().enumerate() {
+            let [screen, camera] = [row.screen_px, row.camera_px];
+            let _ = write!(
+                text,
+                "{},{},{},{},{:.5},{:.5}",
+                csv_text(&self.images[row.image]),
+                screen.x,
+                screen.y,
+                row.digital_count,
+                camera.x,
+                camera.y
+            );
+            for (_, cell) in &used {
+                let _ = write!(text, ",{}", cell(row).unwrap_or_default());
+            }
+            for column in &self.extra {
+                let value = column.values[at];
+                let _ = if value.is_nan() { write!(text, ",") } else { write!(text, ",{value}") };
+            }
+            text.push('\n');
+        }
+        write_atomic(path, text.as_bytes())
+            .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+    }
+}
+
+fn read_row(
+    cells: &Cells<'_>,
+    image: usize,
+    series: &mut Option<Arc<str>>,
+    file: usize,
+) -> Result<PointRow, InputError> {
+    let place = |x: &str, y: &str| Ok::<_, InputError>(DVec2::new(cells.number(x)?, cells.number(y)?));
+    let saturated = match cells.optional("saturated")? {
+        None => false,
+        Some(value) if value == 0.0 || value == 1.0 => value == 1.0,
+        Some(_) => return Err(cells.wrong("saturated", "0 or 1")),
+    };
+    Ok(PointRow {
+        image,
+        screen_px: place("screen_x_px", "screen_y_px")?,
+        digital_count: cells.number_in("digital_count", 1e-9..=255.0, "a count above 0, at most 255")?,
+        channel: cells.channel()?,
+        camera_px: place("camera_x_px", "camera_y_px")?,
+        sigma_px: cells.positive("sigma_px")?,
+        time_s: cells.optional("time_s")?,
+        temperature_c: cells.temperature_c()?,
+        row_load: cells.optional("row_load")?,
+        exposure_s: cells.positive("exposure_s")?,
+        flux_dn: cells.optional("flux_dn")?,
+        saturated,
+        camera_roll_deg: cells.optional("camera_roll_deg")?,
+        series: cells.shared_text("series", series),
+        file,
+        line: cells.table.line(cells.row),
+    })
+}
