@@ -280,14 +280,14 @@ impl Folder {
         Ok(())
     }
 
-    /// Adds a finished frame to the manifest, in one write.
+    /// Adds a finished frame to the manifest, in one write, and brings it to the disk.
     pub(crate) fn append(&self, line: &ManifestLine) -> Result<(), BatchError> {
         let path = self.dir.join(MANIFEST);
         let mut text = serde_json::to_vec(line).map_err(|error| BatchError::encode(MANIFEST, &error))?;
         text.push(b'\n');
         let mut file =
             OpenOptions::new().create(true).append(true).open(&path).map_err(BatchError::write(&path))?;
-        file.write_all(&text).map_err(BatchError::write(&path))
+        file.write_all(&text).and_then(|()| file.sync_data()).map_err(BatchError::write(&path))
     }
 
     /// The manifest's whole lines, the last of each frame.

@@ -4,7 +4,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use image::{DynamicImage, ExtendedColorType, ImageEncoder as _, ImageFormat};
-use retina_files::{InputError, read_bytes};
+use retina_files::{InputError, MOST_IMAGE_PIXELS, decode_image, read_bytes};
 
 use crate::BatchError;
 use crate::png_file::{PngShape, png_bytes};
@@ -30,8 +30,7 @@ impl IntegerImage {
                 InputError::new(path, "is not an image that can be read").expected("a PNG, a TIFF or an EXR")
             );
         };
-        let image = image::load_from_memory_with_format(&bytes, format)
-            .map_err(|error| InputError::new(path, format!("does not decode: {error}")))?;
+        let image = decode_image(path, "image", &bytes, &[format], MOST_IMAGE_PIXELS)?;
         let wide = |samples: Vec<u8>| samples.into_iter().map(u16::from).collect();
         let (width_px, height_px) = (image.width(), image.height());
         let (channels, bits, samples) = match image {

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use retina_files::{InputError, read_bytes, write_atomic};
+use retina_files::{InputError, MOST_IMAGE_PIXELS, decode_image, read_bytes, write_atomic};
 
 use crate::png_file::{PngShape, png_bytes};
 use crate::{BatchError, digits};
@@ -103,9 +103,8 @@ struct Tile {
 /// is [`brightened`] instead.
 fn read_tile(path: &Path) -> Result<Tile, InputError> {
     let bytes = read_bytes(path)?;
-    let image = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
-        .map_err(|error| InputError::new(path, format!("is not a readable PNG: {error}")))?
-        .into_rgb8();
+    let formats = [image::ImageFormat::Png];
+    let image = decode_image(path, "image", &bytes, &formats, MOST_IMAGE_PIXELS)?.into_rgb8();
     let (from_width, from_height) = (image.width() as usize, image.height() as usize);
     let width = from_width.min(TILE_PX);
     let height = (from_height * width / from_width).max(1);

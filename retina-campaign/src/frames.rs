@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use retina_bench::{BenchError, Exposure, OpticsDetail, ScreenImage};
-use retina_files::{InputError, hash_bytes, hash_file, write_atomic};
+use retina_files::{
+    InputError, MOST_IMAGE_PIXELS, decode_image, hash_bytes, hash_file, read_bytes, write_atomic,
+};
 
 use crate::points::{camera_image, make_folder};
 use crate::{Facility, TemperatureProfile};
@@ -51,8 +53,8 @@ fn screens_of(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
 }
 
 fn read_screen(path: &Path) -> Result<ScreenImage, InputError> {
-    let image = image::open(path)
-        .map_err(|error| InputError::new(path, format!("is no image that can be read: {error}")))?;
+    let formats = [image::ImageFormat::Png];
+    let image = decode_image(path, "image", &read_bytes(path)?, &formats, MOST_IMAGE_PIXELS)?;
     let deep = !matches!(
         image.color(),
         image::ColorType::L8 | image::ColorType::La8 | image::ColorType::Rgb8 | image::ColorType::Rgba8

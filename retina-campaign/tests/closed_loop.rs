@@ -148,6 +148,8 @@ fn photographs_of_one_run_stay_apart_from_anothers() {
     // A small camera behind the same lenses: quick.
     (setup.camera.width_px, setup.camera.height_px) = (256, 192);
     setup.optics.system = Some("reference-1.3fc-wide".into());
+    // That design is matched by the diagonal: the full camera sees 1353.8 rows of the screen.
+    setup.facility.observed_rows_px = Some(1353.8 * 192.0 / 1536.0);
     let folder = tempfile::tempdir().unwrap();
     let screens = folder.path().join("screens");
     std::fs::create_dir(&screens).unwrap();

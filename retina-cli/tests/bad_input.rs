@@ -90,6 +90,20 @@ fn values_that_do_not_fit_the_scene() {
     );
     edited("scene.toml", "name = \"rock\"", "name = \"sun\"", &["body 1", "`sun`"]);
     edited("scene.toml", "shading = \"smooth\"", "reference_radius_m = 0.0", &["body `rock`", "reference"]);
+    // The camera is 22.5 km from a rock of some 2 km.
+    edited(
+        "scene.toml",
+        "shading = \"smooth\"",
+        "reference_semi_axes_m = [1e3, 2e3, 1e9]",
+        &["body `rock`", "is not of the mesh's size", "1.000000e9 m"],
+    );
+    refused(
+        |f| {
+            f.edit("scene.toml", "shading = \"smooth\"", "reference_radius_m = 9000.0");
+            f.edit("poses.csv", "0,0,0,-22500", "0,0,0,-8000");
+        },
+        &["the camera is inside the reference ellipsoid of the body `rock`", "8.000000e3 m from the centre"],
+    );
     edited("scene.toml", "calibration.toml", "elsewhere.toml", &["elsewhere.toml"]);
     edited(
         "calibration.toml",
@@ -97,6 +111,15 @@ fn values_that_do_not_fit_the_scene() {
         "setup = \"large\"",
         &["calibration.toml", "key `setup`", "`large`"],
     );
+    // A distortion beyond measure, which does not fold: the images it asks for would have no end.
+    for term in ["[3, 0, 1e7, 0.0]", "[1, 0, 1e20, 0.0]", "[0, 0, 1e12, 0.0]", "[0, 1, 1e20, 0.0]"] {
+        edited(
+            "calibration.toml",
+            "[3, 0, 12.0, 0.0],",
+            &format!("[3, 0, 12.0, 0.0], {term},"),
+            &["calibration.toml", "key `distortion.terms`", "the distortion "],
+        );
+    }
     refused(
         |f| {
             f.edit("scene.toml", "calibration = \"calibration.toml\"\n", "");

@@ -2,6 +2,10 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may fail")]
 
+#[allow(dead_code, reason = "other tests look at the motions")]
+#[path = "../../retina-sky/tests/common/spk.rs"]
+mod spk;
+
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -209,6 +213,37 @@ fn folders_that_do_not_fit_are_refused_with_file_found_and_expected() {
     refused(&dir, &[], &["another size", "64 x 48", "320 x 240"]);
     fs::remove_file(dir.join("frames/000001.png")).unwrap();
     refused(&dir, &[], &["an image is missing", "000001"]);
+}
+
+#[test]
+fn a_kernel_serves_that_has_sun_earth_and_moon_and_no_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path().join("render");
+    (0..3).for_each(|frame| write_frame(&dir, frame, FULL));
+    let run = |bodies: &[spk::Circle], from_s: f64| {
+        let bsp = folder.path().join("sky.bsp");
+        fs::write(&bsp, spk::kernel(bodies, from_s, 20)).unwrap();
+        navigate(&dir, &["--ephemeris", bsp.to_str().unwrap(), "--json"])
+    };
+    let bodies = spk::solar_system();
+    let needed: Vec<spk::Circle> =
+        bodies.iter().filter(|body| [10, 3, 399, 301].contains(&body.target)).copied().collect();
+    let out = run(&needed, 8.69e8);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    let found: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert!(!found.to_string().contains("no ephemeris"), "{found}");
+    for (bodies, from_s, said) in
+        [(&needed[..3], 8.69e8, "no ephemeris of moon (NAIF 301)"), (&needed[..], 8.585e8, "no ephemeris of")]
+    {
+        let out = run(bodies, from_s);
+        let error = text(&out.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(out.status.code() == Some(2) && out.stdout.is_empty(), "{error}");
+        assert!(error.contains("sky.bsp") && error.contains(said), "{error}");
+    }
+    let high = navigate(&dir, &["--limb-height-m", "1e9"]);
+    assert_eq!(high.status.code(), Some(2));
+    let said = text(&high.stderr);
+    assert!(said.contains("--limb-height-m") && said.contains("expected -200000 to 200000"), "{said}");
 }
 
 #[test]

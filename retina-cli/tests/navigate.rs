@@ -126,6 +126,18 @@ fn what_does_not_fit_is_refused() {
     assert!(text(&out.stderr).contains("missing.png"), "{}", text(&out.stderr));
     let document: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
     assert_eq!(document["images"][1]["reason"], "unreadable");
+    assert!(document["images"][1]["message"].as_str().unwrap().contains("missing.png: cannot be read"));
+    // One alone has its document too, and of several each its own reason.
+    let colour = folder.path().join("colour.png");
+    image::RgbImage::new(8, 8).save(&colour).unwrap();
+    let (missing, colour) = (missing.to_str().unwrap(), colour.to_str().unwrap());
+    let out = retina(&["navigate", "stars", missing, "--fov-deg", "11", "--json"]);
+    assert_eq!(out.status.code(), Some(2));
+    let document: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(document["images"].as_array().unwrap().len(), 1);
+    let said = text(&retina(&["navigate", "stars", missing, colour, "--fov-deg", "11"]).stderr);
+    assert!(said.contains("missing.png: cannot be read"), "{said}");
+    assert!(said.contains("colour.png: is a colour image") && said.contains("--colour"), "{said}");
     assert!(document["images"][0]["solved"].is_boolean());
 }
 

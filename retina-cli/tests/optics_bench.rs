@@ -76,10 +76,20 @@ fn a_designs_setup_is_read_back() {
 fn a_search_reports_as_the_interface_says() {
     let flags =
         ["search", "--part", "AC508-1", "--part", "AC508-2", "--part", "AC508-750", "--candidates", "200"];
-    let output = retina().arg("optics").args(flags).args(["--leaders", "1", "--json"]).output().unwrap();
+    let search = |match_by: &[&str]| {
+        let all = [&flags[..], &["--leaders", "1", "--json"], match_by].concat();
+        retina().arg("optics").args(all).output().unwrap()
+    };
+    // The reference's figures are of the diagonal; the default is the height's, as `design` has it: -1.566.
+    let by_height = json(&search(&[]));
+    assert_eq!(by_height["match_by"], "height");
+    let m = by_height["designs"][0]["configurations"][0]["m"].as_f64().unwrap();
+    assert!((m + 1.566).abs() < 5e-4, "{m}");
+    let output = search(&["--match-by", "diagonal"]);
     assert_done(&output);
     let document = json(&output);
     assert_eq!(document["schema"], "retina.optics-search/1");
+    assert_eq!(document["match_by"], "diagonal");
     let best = &document["designs"][0];
     assert!(best["worst_rms_um"].as_f64().unwrap() <= 14.6, "{best}");
     assert!((best["relay_efl_mm"].as_f64().unwrap() - 82.8).abs() < 1e-6);
@@ -103,6 +113,18 @@ fn numbers_that_cannot_be_are_refused() {
     refused(&["design", "--camera-focal-mm", "25", "--f-c", "86.8", "--f-r", "nan"], &["--f-r"]);
     refused(&["search", "--part", "NONE"], &["no stock lens is left"]);
     refused(&["search", "--relay-lenses", "9"], &["relay lenses", "2 or 3"]);
+}
+
+#[test]
+fn a_design_that_does_not_fit_the_bench_is_no_success() {
+    let design = ["optics", "design", "--camera-focal-mm", "10", "--f-c", "86.8", "--f-r", "82.8", "--json"];
+    let output = retina().args(design).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("the design does not fit the bench:") && said.contains("r_c by "), "{said}");
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(document["margins"]["collimator_vignetting_mm"].as_f64().unwrap() < 0.0);
+    assert_eq!(document["match_by"], "height");
 }
 
 #[test]

@@ -146,8 +146,12 @@ fn a_searched_design_is_written_and_read() {
 #[test]
 fn a_search_without_a_design_says_what_was_in_the_way() {
     let flags = ["search", "--part", "AC508-1", "--part", "AC508-2", "--candidates", "20", "--leaders", "1"];
-    let output =
-        retina().arg("optics").args(flags).args(["--max-length-mm", "300", "--json"]).output().unwrap();
+    let output = retina()
+        .arg("optics")
+        .args(flags)
+        .args(["--match-by", "diagonal", "--max-length-mm", "300", "--json"])
+        .output()
+        .unwrap();
     let text = stderr(&output);
     assert_eq!(output.status.code(), Some(2), "{text}");
     for word in ["20  too long from screen to collimator", "nearest miss", "by 129."] {

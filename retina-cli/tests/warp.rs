@@ -181,8 +181,7 @@ fn resampled_and_direct_compensation_agree_on_the_cpu() {
 
 #[test]
 fn resampled_and_direct_compensation_agree_on_the_gpu() {
-    match GpuDevice::open() {
-        Ok(_) => modes_agree("gpu"),
-        Err(error) => eprintln!("not run: {error}"),
+    if GpuDevice::open_for_test().is_some() {
+        modes_agree("gpu");
     }
 }

@@ -77,6 +77,7 @@ struct Shared<'a> {
     stop: &'a AtomicBool,
     log: &'a Log<'a>,
     poses: &'a UdpSocket,
+    images: &'a TcpListener,
 }
 
 impl Server {
@@ -117,10 +118,11 @@ impl Server {
             stop,
             log,
             poses: &self.poses,
+            images: &self.images,
         };
         std::thread::scope(|scope| {
-            scope.spawn(|| shared.receive());
-            scope.spawn(|| shared.accept(scope, &self.images));
+            scope.spawn(|| shared.receive(scope));
+            scope.spawn(|| shared.accept(scope));
             let sent = shared.answer(render, frames);
             shared.ended.store(true, Ordering::Release);
             Ended { sent, refused: shared.lock().refused }
@@ -160,7 +162,7 @@ impl Shared<'_> {
     }
 
     /// Receives poses.
-    fn receive(&self) {
+    fn receive<'scope, 'env>(&'scope self, scope: &'scope std::thread::Scope<'scope, 'env>) {
         let mut buffer = [0; LONGEST_DATAGRAM];
         while !self.is_over() {
             // A time-out, or what the system passes on of a reply that nobody took.
@@ -168,6 +170,9 @@ impl Shared<'_> {
             match decode_pose(&buffer[..size]) {
                 Err(error) => self.refuse(sender, &error.to_string()),
                 Ok(pose) => {
+                    // Who has connected before this pose was sent is its client: the poses that go with the old
+                    // client's leaving are those before it.
+                    while self.accept_one(scope) {}
                     let mut state = self.lock();
                     if state.waiting.len() < QUEUE {
                         state.waiting.push_back(Request { pose, sender });
@@ -181,39 +186,42 @@ impl Shared<'_> {
         }
     }
 
-    /// Accepts clients; each has a thread that sees it go.
-    fn accept<'scope, 'env>(
-        &'scope self,
-        scope: &'scope std::thread::Scope<'scope, 'env>,
-        images: &TcpListener,
-    ) {
+    /// Accepts clients.
+    fn accept<'scope, 'env>(&'scope self, scope: &'scope std::thread::Scope<'scope, 'env>) {
         while !self.is_over() {
-            let Ok((stream, address)) = images.accept() else {
+            if !self.accept_one(scope) {
                 std::thread::sleep(BEAT);
-                continue;
-            };
-            let watched = stream
-                .set_nonblocking(false)
-                .and_then(|()| stream.set_nodelay(true))
-                .and_then(|()| stream.set_read_timeout(Some(BEAT)))
-                .and_then(|()| stream.set_write_timeout(Some(PATIENCE)))
-                .and_then(|()| stream.try_clone());
-            let Ok(watched) = watched else { continue };
-            let number = {
-                let mut state = self.lock();
-                if let Some(old) = state.client.as_ref().map(|client| client.number) {
-                    leave(&mut state, old);
-                    (self.log)("a new client takes the place of the connected one");
-                }
-                state.clients_so_far += 1;
-                let number = state.clients_so_far;
-                state.client = Some(Client { number, stream, senders: HashSet::new() });
-                self.changed.notify_all();
-                number
-            };
-            (self.log)(&format!("client {address} is connected"));
-            scope.spawn(move || self.watch(number, watched));
+            }
         }
+    }
+
+    /// Accepts a client that has connected, if one has; it gets a thread that sees it go.
+    fn accept_one<'scope, 'env>(&'scope self, scope: &'scope std::thread::Scope<'scope, 'env>) -> bool {
+        // Under the lock: who is accepted is also in the state before anyone looks for a further one.
+        let mut state = self.lock();
+        let Ok((stream, address)) = self.images.accept() else { return false };
+        let watched = stream
+            .set_nonblocking(false)
+            .and_then(|()| stream.set_nodelay(true))
+            .and_then(|()| stream.set_read_timeout(Some(BEAT)))
+            .and_then(|()| stream.set_write_timeout(Some(PATIENCE)))
+            .and_then(|()| stream.try_clone());
+        let Ok(watched) = watched else { return true };
+        let old = state.client.as_ref().map(|client| client.number);
+        if let Some(old) = old {
+            leave(&mut state, old);
+        }
+        state.clients_so_far += 1;
+        let number = state.clients_so_far;
+        state.client = Some(Client { number, stream, senders: HashSet::new() });
+        self.changed.notify_all();
+        drop(state);
+        if old.is_some() {
+            (self.log)("a new client takes the place of the connected one");
+        }
+        (self.log)(&format!("client {address} is connected"));
+        scope.spawn(move || self.watch(number, watched));
+        true
     }
 
     /// Reads what a client has no reason to send, to see it go.

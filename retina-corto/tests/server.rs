@@ -184,3 +184,21 @@ fn too_many_poses_are_refused_and_the_others_answered() {
     }
     server.end();
 }
+
+#[test]
+fn a_client_that_comes_back_and_sends_at_once_gets_its_image_each_time() {
+    let server = Loop::start();
+    let sender = server.sender();
+    let mut open = Vec::new();
+    for round in 0..20 {
+        // Its old connection is closed, or still open, which it has from the round before.
+        let mut client = server.client();
+        client.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        sender.send(&pose(f64::from(round))).unwrap();
+        assert_eq!(image(&mut client), format!("image {round}"));
+        if round % 2 == 1 {
+            open.push(client);
+        }
+    }
+    assert_eq!(server.end(), Ended { sent: 20, refused: 0 });
+}

@@ -121,7 +121,8 @@ pub(crate) fn append<T: Line>(path: &Path, results: &[T]) -> Result<(), InputErr
         text.push('\n');
     }
     let file = OpenOptions::new().append(true).open(path);
-    file.and_then(|mut file| file.write_all(text.as_bytes())).map_err(|error| cannot(path, &error))
+    file.and_then(|mut file| file.write_all(text.as_bytes()).and_then(|()| file.sync_data()))
+        .map_err(|error| cannot(path, &error))
 }
 
 #[cfg(test)]

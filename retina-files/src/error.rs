@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use crate::shorten::shortened;
+
 /// Where in a file the trouble lies.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Place {
@@ -18,10 +20,10 @@ pub enum Place {
     Named(String),
 }
 
-/// A piece of the file's text with the span to underline, for errors shown to a person.
+/// The file's text with the span to underline, for errors shown to a person; long lines are cut.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Snippet {
-    /// The text of the file.
+    /// The text.
     pub text: String,
     /// Byte offset of the span.
     pub offset: usize,
@@ -29,7 +31,7 @@ pub struct Snippet {
     pub length: usize,
 }
 
-/// Input that does not fit: what, where, found, expected, and the mend.
+/// Input that does not fit: what, where, found, expected, and the mend. Long values are cut, their length said.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct InputError {
     /// The file (or argument) it was found in.
@@ -54,7 +56,7 @@ impl InputError {
         Self {
             file: file.as_ref().to_path_buf(),
             place: Place::File,
-            problem: problem.into(),
+            problem: shortened(problem.into()),
             found: None,
             expected: None,
             help: None,
@@ -70,25 +72,25 @@ impl InputError {
 
     /// In this cell of a table (line from 1, column name).
     pub fn cell(mut self, line: usize, column: impl Into<String>) -> Self {
-        self.place = Place::Cell(line, column.into());
+        self.place = Place::Cell(line, shortened(column.into()));
         self
     }
 
     /// At this key or named part.
     pub fn at(mut self, name: impl Into<String>) -> Self {
-        self.place = Place::Named(name.into());
+        self.place = Place::Named(shortened(name.into()));
         self
     }
 
     /// The value found.
     pub fn found(mut self, found: impl fmt::Display) -> Self {
-        self.found = Some(found.to_string());
+        self.found = Some(shortened(found.to_string()));
         self
     }
 
     /// What was expected.
     pub fn expected(mut self, expected: impl fmt::Display) -> Self {
-        self.expected = Some(expected.to_string());
+        self.expected = Some(shortened(expected.to_string()));
         self
     }
 
@@ -101,7 +103,7 @@ impl InputError {
 
     /// How to mend it.
     pub fn help(mut self, help: impl fmt::Display) -> Self {
-        self.help = Some(help.to_string());
+        self.help = Some(shortened(help.to_string()));
         self
     }
 }

@@ -5,15 +5,19 @@
 //! - [`read_toml`]: TOML into a type, unknown keys pointed at with the nearest known one; [`read_schema`] where the
 //!   file names its schema.
 //! - [`Table`]: CSV with a header row and `#` comments, cells read by column name.
+//! - [`decode_image`]: PNG, TIFF and JPEG, within limits that are checked first.
 //! - [`write_atomic`]: a file exists whole or not at all.
 //! - [`hash_bytes`], [`hash_file`]: BLAKE3, for manifests.
 
 mod error;
+mod picture;
+mod shorten;
 mod table;
 mod toml_file;
 mod write;
 
 pub use error::{InputError, Place, Snippet};
+pub use picture::{MOST_IMAGE_PIXELS, decode_image};
 pub use table::Table;
 pub use toml_file::{nearest, parse_schema, parse_toml, read_schema, read_toml};
 pub use write::{hash_bytes, hash_file, read_bytes, read_text, write_atomic};

@@ -4,7 +4,11 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 
-use crate::{InputError, Place, Snippet, read_text};
+use crate::write::read_text_within;
+use crate::{InputError, Place, Snippet};
+
+/// Most bytes of a TOML file.
+const MOST_BYTES: u64 = 64 << 20;
 
 /// Reads a TOML file into `T`; types should carry `#[serde(deny_unknown_fields)]`.
 ///
@@ -12,7 +16,7 @@ use crate::{InputError, Place, Snippet, read_text};
 /// The file cannot be read, is not TOML, or does not fit `T`: with line, column and, for an
 /// unknown key or variant, the nearest known name.
 pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, InputError> {
-    parse_toml(path, &read_text(path)?)
+    parse_toml(path, &read_text_within(path, MOST_BYTES)?)
 }
 
 /// Reads a TOML file of a schema into `T`, which takes the key `schema` and ignores it; `what` names the kind of file
@@ -21,7 +25,7 @@ pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, InputError> {
 /// # Errors
 /// As [`read_toml`]; the file's key `schema` is absent or another.
 pub fn read_schema<T: DeserializeOwned>(path: &Path, schema: &str, what: &str) -> Result<T, InputError> {
-    parse_schema(path, &read_text(path)?, schema, what)
+    parse_schema(path, &read_text_within(path, MOST_BYTES)?, schema, what)
 }
 
 /// As [`read_schema`], from text already in memory.
@@ -62,11 +66,7 @@ pub fn parse_toml<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T, Inp
             let line = before.matches('\n').count() + 1;
             let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
             out.place = Place::LineColumn(line, column);
-            out.snippet = Some(Snippet {
-                text: text.to_owned(),
-                offset: span.start,
-                length: span.end.saturating_sub(span.start).max(1),
-            });
+            out.snippet = Some(Snippet::new(text, span.start, span.end.saturating_sub(span.start).max(1)));
         }
         out
     })

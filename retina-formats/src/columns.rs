@@ -101,7 +101,7 @@ impl Cells<'_> {
     pub(crate) fn wrong(&self, column: &str, expected: &str) -> InputError {
         InputError::new(self.table.file(), "the value is outside its range")
             .cell(self.table.line(self.row), column)
-            .found(format!("`{}`", self.table.text(self.row, column)))
+            .found(self.table.text(self.row, column))
             .expected(expected)
     }
 
@@ -187,4 +187,33 @@ pub fn csv_text(text: &str) -> String {
     let formula = text.starts_with(['=', '+', '-', '@', '\t', '\r']) && text.parse::<f64>().is_err();
     let text = if formula { format!("'{text}") } else { text.to_owned() };
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may fail")]
+mod tests {
+    use std::path::Path;
+
+    use retina_files::Table;
+
+    use super::*;
+
+    #[test]
+    fn a_cell_that_is_written_is_no_formula_and_stays_one_cell() {
+        for (text, cell) in [
+            ("=HYPERLINK(A1)", "'=HYPERLINK(A1)"),
+            ("+1+1", "'+1+1"),
+            ("-cmd", "'-cmd"),
+            ("@sum", "'@sum"),
+            ("-1.5e3", "-1.5e3"),
+            ("image 1.png", "image 1.png"),
+            ("a,b\"c", "\"a,b\"\"c\""),
+            ("=a,b", "\"'=a,b\""),
+            ("", ""),
+        ] {
+            assert_eq!(csv_text(text), cell);
+            let table = Table::parse(Path::new("t.csv"), &format!("a,b\n{cell},2\n")).unwrap();
+            assert_eq!(table.text(0, "a").trim_start_matches('\''), text);
+        }
+    }
 }

@@ -23,6 +23,9 @@ pub struct Distortion {
     coefficients: Vec<DVec2>,
 }
 
+/// Most times that D may spread an area; a lens that is a facility's spreads or shrinks by some per cent.
+const MOST_SPREAD: f64 = 5.0;
+
 /// Why D cannot be used or inverted.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum DistortionError {
@@ -37,6 +40,22 @@ pub enum DistortionError {
         y: f64,
         /// Determinant of dD/dr_u.
         determinant: f64,
+    },
+    /// A line of sight is moved farther than the image is wide, or an area is spread beyond measure.
+    #[error(
+        "the distortion moves the line of sight ({x:.4}, {y:.4}) by {moved:.3e} and spreads areas {determinant:.3e} times, expected at most {most:.3e}, half of the image's diagonal, and 5 times"
+    )]
+    TooLarge {
+        /// Line of sight x.
+        x: f64,
+        /// Line of sight y.
+        y: f64,
+        /// |D(r_u) - r_u|.
+        moved: f64,
+        /// Determinant of dD/dr_u.
+        determinant: f64,
+        /// The largest displacement that is taken.
+        most: f64,
     },
     /// Newton's method found no undistorted line of sight.
     #[error("no undistorted line of sight maps to ({x:.4}, {y:.4})")]
@@ -156,6 +175,7 @@ impl Distortion {
     /// [`DistortionError::Folds`] at the first place where it is not.
     pub fn check_over(&self, image: &Pinhole) -> Result<(), DistortionError> {
         let (w, h) = (f64::from(image.width_px), f64::from(image.height_px));
+        let most = 0.5 * DVec2::new(w / image.fx_px, h / image.fy_px).length();
         for row in 0..=24 {
             for column in 0..=24 {
                 let fraction = DVec2::new(f64::from(column), f64::from(row)) / 24.0 * 1.2 - 0.1;
@@ -163,6 +183,10 @@ impl Distortion {
                 let determinant = self.jacobian(at).determinant();
                 if !(determinant.is_finite() && determinant > 0.2) {
                     return Err(DistortionError::Folds { x: at.x, y: at.y, determinant });
+                }
+                let moved = (self.distort(at) - at).length();
+                if !(moved <= most && determinant <= MOST_SPREAD) {
+                    return Err(DistortionError::TooLarge { x: at.x, y: at.y, moved, determinant, most });
                 }
             }
         }
@@ -209,5 +233,11 @@ mod tests {
         };
         assert!(Distortion::brown(0.4, 0.0, 0.0).check_over(&image).is_ok());
         assert!(Distortion::brown(-20.0, 0.0, 0.0).check_over(&image).is_err());
+        // Terms that do not fold: a shift, a shear, a magnification, and a cubic one, all beyond measure.
+        for term in [(0, 0, 1e7, 0.0), (0, 1, 1e20, 0.0), (1, 0, 1e7, 0.0), (3, 0, 1e7, 0.0)] {
+            let d = Distortion::from_terms(&[(1, 0, 1.0, 0.0), (0, 1, 0.0, 1.0), term]);
+            let said = d.check_over(&image).unwrap_err().to_string();
+            assert!(said.contains("half of the image's diagonal, and 5 times"), "{said}");
+        }
     }
 }

@@ -145,7 +145,7 @@ impl Setup {
     /// Reads and checks a setup.
     ///
     /// # Errors
-    /// The file cannot be read, holds an unknown key, or a size that is not positive.
+    /// The file cannot be read, holds an unknown key, or a value out of range.
     pub fn read(path: &Path) -> Result<Self, InputError> {
         Self::parse(&read_text(path)?, path)
     }
@@ -162,47 +162,39 @@ impl Setup {
     }
 
     fn check(&self, path: &Path) -> Result<(), InputError> {
-        let positive = [
-            ("screen.width_px", f64::from(self.screen.width_px)),
-            ("screen.height_px", f64::from(self.screen.height_px)),
-            ("screen.width_mm", self.screen.width_mm),
-            ("screen.height_mm", self.screen.height_mm),
-            ("camera.width_px", f64::from(self.camera.width_px)),
-            ("camera.height_px", f64::from(self.camera.height_px)),
-            ("camera.pixel_um", self.camera.pixel_um),
-            ("camera.focal_mm", self.camera.focal_mm),
-            ("camera.f_number", self.camera.f_number),
-            ("facility.observed_rows_px", self.facility.observed_rows_px.unwrap_or(1.0)),
-            ("facility.intrinsics.fx_px", self.facility.intrinsics.map_or(1.0, |k| k.fx_px)),
-            ("facility.intrinsics.fy_px", self.facility.intrinsics.map_or(1.0, |k| k.fy_px)),
-            ("response.gamma", self.response.gamma.unwrap_or(1.0)),
-        ];
-        for (key, value) in positive {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(InputError::new(path, "the value is not a positive number")
+        let wavelengths_nm = self.screen.wavelength_nm;
+        let k =
+            self.facility.intrinsics.unwrap_or(Intrinsics { fx_px: 1.0, fy_px: 1.0, cx_px: 0.0, cy_px: 0.0 });
+        // What is beyond these is a slip of the unit or of the hand; the widest that a facility may be.
+        let (screen_px, camera_px) = ((1.0, 16_384.0), (1.0, 65_536.0));
+        for (key, value, (least, most)) in [
+            ("screen.width_px", f64::from(self.screen.width_px), screen_px),
+            ("screen.height_px", f64::from(self.screen.height_px), screen_px),
+            ("screen.width_mm", self.screen.width_mm, (0.1, 1e4)),
+            ("screen.height_mm", self.screen.height_mm, (0.1, 1e4)),
+            ("screen.wavelength_nm.r", wavelengths_nm.r, (300.0, 1100.0)),
+            ("screen.wavelength_nm.g", wavelengths_nm.g, (300.0, 1100.0)),
+            ("screen.wavelength_nm.b", wavelengths_nm.b, (300.0, 1100.0)),
+            ("camera.width_px", f64::from(self.camera.width_px), camera_px),
+            ("camera.height_px", f64::from(self.camera.height_px), camera_px),
+            ("camera.pixel_um", self.camera.pixel_um, (0.1, 1000.0)),
+            ("camera.focal_mm", self.camera.focal_mm, (0.1, 1e5)),
+            ("camera.f_number", self.camera.f_number, (0.3, 1000.0)),
+            ("camera.bits", f64::from(self.camera.bits), (1.0, 32.0)),
+            ("facility.observed_rows_px", self.facility.observed_rows_px.unwrap_or(1.0), (1.0, 1e6)),
+            ("facility.intrinsics.fx_px", k.fx_px, (1.0, 1e8)),
+            ("facility.intrinsics.fy_px", k.fy_px, (1.0, 1e8)),
+            ("facility.intrinsics.cx_px", k.cx_px, (-1e6, 1e6)),
+            ("facility.intrinsics.cy_px", k.cy_px, (-1e6, 1e6)),
+            ("response.gamma", self.response.gamma.unwrap_or(1.0), (0.1, 10.0)),
+            ("response.brightest_magnitude", self.response.brightest_magnitude.unwrap_or(0.0), (-40.0, 40.0)),
+        ] {
+            if !(least..=most).contains(&value) {
+                return Err(InputError::new(path, "the value is out of range")
                     .at(format!("key `{key}`"))
                     .found(value)
-                    .expected("a finite number above 0"));
+                    .expected(format!("{least} to {most}")));
             }
-        }
-        let finite = [
-            ("facility.intrinsics.cx_px", self.facility.intrinsics.map_or(0.0, |k| k.cx_px)),
-            ("facility.intrinsics.cy_px", self.facility.intrinsics.map_or(0.0, |k| k.cy_px)),
-            ("response.brightest_magnitude", self.response.brightest_magnitude.unwrap_or(0.0)),
-        ];
-        for (key, value) in finite {
-            if !value.is_finite() {
-                return Err(InputError::new(path, "the value is not finite")
-                    .at(format!("key `{key}`"))
-                    .found(value));
-            }
-        }
-        let largest = self.screen.width_px.max(self.screen.height_px);
-        if largest > 16_384 {
-            return Err(InputError::new(path, "the screen is larger than a texture can be")
-                .at("table `screen`")
-                .found(format!("{largest} pixels"))
-                .expected("at most 16384 a side"));
         }
         if self.screen.bits != 8 {
             return Err(InputError::new(path, "only displays of 8 bits a channel are supported")
@@ -319,5 +311,35 @@ mod tests {
             let half_rows = 600.0 / k.fy_px;
             assert!((2.0 * half_rows.atan() - setup.camera_vertical_field_rad()).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn values_that_cannot_be_are_refused() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/setups");
+        let text = std::fs::read_to_string(folder.join("wide-fov.toml")).unwrap();
+        let path = std::env::temp_dir().join(format!("retina-setup-{}.toml", std::process::id()));
+        for (from, to, said) in [
+            ("r = 605.0", "r = nan", "key `screen.wavelength_nm.r`: the value is out of range (found NaN"),
+            ("r = 605.0", "r = 0.0", "(found 0, expected 300 to 1100)"),
+            ("g = 544.0", "g = -544.0", "key `screen.wavelength_nm.g`"),
+            ("b = 475.0", "b = 1e9", "key `screen.wavelength_nm.b`"),
+            ("gamma = 2.2", "gamma = 1e300", "key `response.gamma`"),
+            ("width_mm = 18.7", "width_mm = 1e300", "key `screen.width_mm`"),
+            ("pixel_um = 3.45", "pixel_um = 1e-300", "key `camera.pixel_um`"),
+            ("focal_mm = 25.0", "focal_mm = inf", "key `camera.focal_mm`"),
+            ("f_number = 2.8", "f_number = 0.0", "key `camera.f_number`"),
+            (
+                "bits = 12",
+                "bits = 0",
+                "key `camera.bits`: the value is out of range (found 0, expected 1 to 32)",
+            ),
+            ("observed_rows_px = 1200", "observed_rows_px = 1e300", "key `facility.observed_rows_px`"),
+        ] {
+            assert!(text.contains(from), "{from}");
+            std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
+            let error = Setup::read(&path).unwrap_err().to_string();
+            assert!(error.contains(said), "{error}");
+        }
+        std::fs::remove_file(&path).unwrap();
     }
 }

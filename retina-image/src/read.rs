@@ -2,12 +2,11 @@
 
 use std::path::Path;
 
-use fitsio_pure::hdu::{HduInfo, parse_fits};
-use fitsio_pure::image::read_image_physical_f32;
 use image::{DynamicImage, ImageFormat};
-use retina_files::{InputError, read_bytes};
+use retina_files::{InputError, MOST_IMAGE_PIXELS, decode_image, read_bytes};
 
-use crate::CameraImage;
+use crate::pages::tiff_pages;
+use crate::{CameraImage, fits};
 
 /// How a file is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -19,16 +18,19 @@ pub struct ReadOptions {
     pub colour_to_grey: bool,
 }
 
+/// The problem of a colour image where a grey one is wanted.
+pub const IS_COLOUR: &str = "is a colour image";
+
 impl CameraImage {
     /// Reads a grey PNG (8, 16 bits), TIFF (8, 16 bits, f32) or FITS image (any BITPIX, BZERO and BSCALE applied, first
     /// row of the file at the top).
     ///
     /// # Errors
-    /// Not such a file, colour, samples that are not finite or beyond the camera's bits.
+    /// Not such a file, several pages, colour, samples that are not finite or beyond the camera's bits.
     pub fn read(path: &Path, options: ReadOptions) -> Result<Self, InputError> {
         let bytes = read_bytes(path)?;
         let (mut image, file_bits) = if bytes.starts_with(b"SIMPLE  =") {
-            from_fits(path, &bytes)?
+            fits::read(path, &bytes)?
         } else {
             from_raster(path, &bytes, options)?
         };
@@ -71,12 +73,18 @@ fn from_raster(
         Ok(format @ (ImageFormat::Png | ImageFormat::Tiff)) => format,
         _ => return Err(InputError::new(path, "is not a camera image").expected(expected)),
     };
-    let picture = image::load_from_memory_with_format(bytes, format)
-        .map_err(|error| InputError::new(path, format!("cannot be read: {error}")).expected(expected))?;
+    let pages = tiff_pages(bytes);
+    if pages > 1 {
+        return Err(InputError::new(path, "is not one image")
+            .found(format!("a TIFF of {pages} pages"))
+            .expected("one page")
+            .help("save each exposure as a file of its own"));
+    }
+    let picture = decode_image(path, "image", bytes, &[format], MOST_IMAGE_PIXELS)?;
     let (width_px, height_px) = (picture.width(), picture.height());
     let channels = usize::from(picture.color().channel_count());
     if channels > 1 && !options.colour_to_grey {
-        return Err(InputError::new(path, "is a colour image")
+        return Err(InputError::new(path, IS_COLOUR)
             .found(format!("{channels} channels"))
             .expected("one grey channel")
             .help("save the camera's raw grey values, or ask for the mean of the channels"));
@@ -104,39 +112,5 @@ fn from_raster(
             }
         },
     };
-    Ok((CameraImage { width_px, height_px, values, full_scale_dn: f32::MAX }, bits))
-}
-
-fn from_fits(path: &Path, bytes: &[u8]) -> Result<(CameraImage, Option<u32>), InputError> {
-    let broken =
-        |error: fitsio_pure::Error| InputError::new(path, format!("cannot be read as FITS: {error}"));
-    let file = parse_fits(bytes).map_err(broken)?;
-    let image_of = |info: &HduInfo| match info {
-        HduInfo::Primary { bitpix, naxes } | HduInfo::Image { bitpix, naxes } if naxes.len() >= 2 => {
-            Some((*bitpix, naxes.clone()))
-        }
-        _ => None,
-    };
-    let Some((unit, (bitpix, axes))) = file.iter().find_map(|unit| Some((unit, image_of(&unit.info)?)))
-    else {
-        return Err(InputError::new(path, "holds no image").expected("a FITS image of two axes"));
-    };
-    if axes[2..].iter().any(|&length| length != 1) {
-        return Err(InputError::new(path, "is not one grey image")
-            .found(format!("axes {axes:?}"))
-            .expected("two axes")
-            .help("save each exposure as a file of its own"));
-    }
-    let values = read_image_physical_f32(bytes, unit).map_err(broken)?;
-    let side = |length: usize| {
-        u32::try_from(length).map_err(|_| InputError::new(path, "the image is too large").found(length))
-    };
-    let (width_px, height_px) = (side(axes[0])?, side(axes[1])?);
-    if values.len() != axes[0] * axes[1] {
-        return Err(InputError::new(path, "the image is cut short")
-            .found(format!("{} pixels", values.len()))
-            .expected(axes[0] * axes[1]));
-    }
-    let bits = (bitpix > 0 && bitpix <= 16).then_some(bitpix as u32);
     Ok((CameraImage { width_px, height_px, values, full_scale_dn: f32::MAX }, bits))
 }

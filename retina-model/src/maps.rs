@@ -1,10 +1,9 @@
 //! Texture maps: decoding to linear values, wrapping, bilinear sampling.
 
-use std::io::Cursor;
 use std::path::Path;
 
 use glam::Vec2;
-use image::{DynamicImage, ImageFormat, ImageReader, Limits};
+use image::DynamicImage;
 use rayon::prelude::*;
 use retina_files::InputError;
 
@@ -125,56 +124,6 @@ pub(crate) fn linear_to_srgb(linear: f64) -> f64 {
 /// Luminance of linear Rec. 709 red, green and blue.
 pub(crate) fn luminance(rgb: [f32; 3]) -> f32 {
     0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
-}
-
-/// Most pixels of one image by its file's size: a flat JPEG spends two bits on 64 pixels at least,
-/// deflate (PNG, TIFF) shrinks 1032 to 1, with up to 8 pixels a byte. What claims more is lying.
-fn pixels_that_fit(bytes: usize, format: ImageFormat) -> u64 {
-    bytes as u64 * if format == ImageFormat::Jpeg { 256 } else { 8 * 1032 }
-}
-
-/// Decodes an image of one of `formats`, told by its content, of at most `max_pixels`.
-///
-/// The size is read and checked before any pixel is decoded, so that a small file cannot claim
-/// gigabytes.
-pub(crate) fn decode_image(
-    path: &Path,
-    place: &str,
-    bytes: &[u8],
-    formats: &[ImageFormat],
-    max_pixels: u64,
-) -> Result<DynamicImage, InputError> {
-    let broken = |error: image::ImageError| {
-        InputError::new(path, format!("the image does not decode: {error}"))
-            .at(place)
-            .help("save the image again, as PNG or JPEG")
-    };
-    let format = image::guess_format(bytes).ok().filter(|f| formats.contains(f)).ok_or_else(|| {
-        InputError::new(path, "the image is of a kind that is not read here")
-            .at(place)
-            .expected(format!("{formats:?}"))
-            .help("convert the image")
-    })?;
-    let reader = || ImageReader::with_format(Cursor::new(bytes), format);
-    let (width, height) = reader().into_dimensions().map_err(broken)?;
-    let pixels = u64::from(width) * u64::from(height);
-    let max_pixels = max_pixels.min(pixels_that_fit(bytes.len(), format));
-    if pixels > max_pixels || pixels == 0 {
-        return Err(InputError::new(path, "the image has a size that cannot be taken")
-            .at(place)
-            .found(format!("{width} x {height} pixels"))
-            .expected(format!(
-                "1 to {max_pixels} pixels, by what is supported and what {} bytes can hold",
-                bytes.len()
-            ))
-            .help("scale the image down, or save it again if it is damaged"));
-    }
-    let mut reader = reader();
-    let mut limits = Limits::default();
-    // 8 bytes a pixel (16-bit RGBA), and as much again for a decoder's own buffers.
-    limits.max_alloc = Some(pixels * 16 + (1 << 20));
-    reader.limits(limits);
-    reader.decode().map_err(broken)
 }
 
 /// Linear luminance of each pixel, 0..1, from sRGB-encoded samples; 16-bit images keep their depth.

@@ -6,10 +6,10 @@ use std::path::Path;
 
 use glam::{DMat3, DVec3, Vec2};
 use image::ImageFormat;
-use retina_files::{InputError, read_bytes};
+use retina_files::{InputError, decode_image, read_bytes};
 
 use crate::body::Body;
-use crate::maps::{AlbedoMap, Wrap, decode_image, linear_luminance};
+use crate::maps::{AlbedoMap, Wrap, linear_luminance};
 use crate::textures::MAX_PIXELS;
 
 /// How a texture lies on a body.

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use glam::DVec3;
 use image::{DynamicImage, ImageFormat};
-use retina_files::{InputError, read_bytes};
+use retina_files::{InputError, decode_image, read_bytes};
 
-use crate::maps::{decode_image, linear_luminance};
+use crate::maps::linear_luminance;
 
 /// Most pixels of a map to build from: 64 pixels a degree (23 040 x 11 520) just fit.
 const MAX_PIXELS: u64 = 1 << 28;

@@ -4,10 +4,10 @@ use gltf::json;
 use gltf::json::texture::WrappingMode;
 use gltf::json::validation::Checked;
 use image::{DynamicImage, ImageFormat};
-use retina_files::InputError;
+use retina_files::{InputError, decode_image};
 
 use crate::document::{Document, image_bytes};
-use crate::maps::{AlbedoMap, SlopeMap, Wrap, decode_image, linear_luminance, luminance, slopes};
+use crate::maps::{AlbedoMap, SlopeMap, Wrap, linear_luminance, luminance, slopes};
 
 /// Which texture coordinates a primitive needs, and the affine map on them (KHR_texture_transform).
 #[derive(Debug, Clone, Copy, PartialEq)]

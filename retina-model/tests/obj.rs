@@ -185,6 +185,27 @@ fn a_transform_turns_then_scales() {
     assert!((normal - DVec3::new(15.0, -10.0, 6.0).normalize()).length() < 1e-6);
 }
 
+#[test]
+fn faces_of_many_corners_and_many_kinds_of_statement_are_bounded() {
+    let ring = |count: usize| {
+        let angle = |k: usize| std::f64::consts::TAU * k as f64 / count as f64;
+        let mut text: String =
+            (0..count).map(|k| format!("v {} {} 0\n", angle(k).cos(), angle(k).sin())).collect();
+        text += "f";
+        (1..=count).for_each(|k| text += &format!(" {k}"));
+        text
+    };
+    assert_eq!(load(&ring(1000)).body.triangles.len(), 998);
+    let said = refusal(&ring(10_000));
+    assert!(
+        said.ends_with("line 10001: the face has too many corners (found 10000, expected at most 1000)"),
+        "{said}"
+    );
+    let strange: String = (0..200_000).map(|k| format!("word{k} 1\n")).collect();
+    let notes = load(&format!("{strange}{CORNERS}{QUADS}")).notes;
+    assert!(notes.len() == 1 && notes[0].contains("`word31` (line 32)") && !notes[0].contains("word32"));
+}
+
 proptest! {
     #[test]
     fn no_text_panics(

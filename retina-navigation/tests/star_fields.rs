@@ -245,6 +245,27 @@ fn a_focal_length_wrong_by_two_per_cent_is_found() {
 }
 
 #[test]
+fn a_focal_length_that_was_ruled_out_is_refused() {
+    let camera = wide();
+    let (_, points) = field(&camera.pinhole, &PointNoise::default(), 5);
+    let seen_with = |factor: f64| {
+        let mut wrong = camera.clone();
+        wrong.pinhole.fx_px *= factor;
+        wrong.pinhole.fy_px *= factor;
+        let points: Vec<StarPoint> = points
+            .iter()
+            .map(|p| StarPoint { line_of_sight: wrong.pinhole.line_of_sight(p.pixel), ..*p })
+            .collect();
+        let options = SolverOptions { focal_ratio: [1.0, 1.0], ..SolverOptions::default() };
+        StarSolver::new(&wrong, options).solve(&points, Some(&observer()))
+    };
+    assert!(seen_with(1.0).is_ok());
+    let refusal = seen_with(1.003).unwrap_err();
+    assert_eq!(refusal.reason(), "focal_length", "{refusal}");
+    assert!(refusal.to_string().contains("-0.30 % off, and +0.00 to +0.00 % was allowed"), "{refusal}");
+}
+
+#[test]
 fn a_mirrored_image_is_said_to_be_one() {
     let camera = wide();
     let (truth, points) = field(&camera.pinhole, &PointNoise::default(), 6);

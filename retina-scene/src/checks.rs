@@ -137,11 +137,21 @@ impl Check<'_> {
             return Ok(());
         }
         let camera_m = -(at.camera_from_body.transpose() * at.position_camera_m);
+        let within = (camera_m / body.reference_semi_axes_m).length() <= 1.0;
+        if within && distance_m > body.bounding_radius_m {
+            return Err(self
+                .error(format!("the camera is inside the reference ellipsoid of the body `{}`", body.name))
+                .found(format!(
+                    "{distance_m:.6e} m from the centre, semi-axes {} m, around a mesh of {:.6e} m",
+                    body.reference_semi_axes_m, body.bounding_radius_m
+                ))
+                .expected("a reference sphere or ellipsoid of the mesh's size")
+                .help("check reference_radius_m or reference_semi_axes_m: metres"));
+        }
         let shape = &self.scene.models[number].shape;
         let (inside, of) = if *closed.get_or_insert_with(|| shape.is_closed()) {
             (is_inside(shape, camera_m), "the mesh: the surface above the camera is farther from the centre")
         } else {
-            let within = (camera_m / body.reference_semi_axes_m).length() <= 1.0;
             (within, "the reference ellipsoid (the mesh is not closed)")
         };
         if !inside {

@@ -260,6 +260,16 @@ fn assemble_body(file: &Path, parts: BodyParts) -> Result<(SceneBody, BodyModel)
             .expected("metres above 0")
             .help("set reference_radius_m, or reference_semi_axes_m = [a, b, c]"));
     }
+    let largest_m = reference_semi_axes_m.max_element();
+    if !(0.1 * bounding_radius_m..=10.0 * bounding_radius_m).contains(&largest_m) {
+        return Err(InputError::new(file, "the reference sphere or ellipsoid is not of the mesh's size")
+            .at(place)
+            .found(format!("a largest semi-axis of {largest_m:.6e} m"))
+            .expected(format!("about the mesh's largest radius, {bounding_radius_m:.6e} m"))
+            .help(
+                "check reference_radius_m or reference_semi_axes_m and the model's unit of length (metres)",
+            ));
+    }
     let body =
         SceneBody { name: name.clone(), photometry, bounding_radius_m, reference_semi_axes_m, may_be_behind };
     Ok((body, BodyModel { name, shape, photometry }))

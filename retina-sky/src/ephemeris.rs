@@ -17,6 +17,7 @@
 //! body or an epoch there is an error: the theories never stand in for them.
 
 mod kernels;
+mod records;
 mod spk;
 
 use std::path::PathBuf;

@@ -237,8 +237,67 @@ fn files_that_are_no_whole_kernel_are_refused() {
     assert!(broken.contains("segment of the Sun (NAIF 10), word 390"), "{broken}");
     // Words of the Sun's segment: 2 records of 50, then epoch, length, size and number of records.
     let zero_size = changed((3 * 128 + 102) * 8, &0f64.to_le_bytes());
-    let error = folder.read("size.bsp", &zero_size).unwrap().solar_system(FROM_S).unwrap_err();
-    assert!(matches!(error, EphemerisError::Kernel { .. }), "{error}");
+    let size = refused("size.bsp", &zero_size);
+    assert!(
+        size.contains("segment of the Sun (NAIF 10): the kernel is damaged (found 100 words in 2"),
+        "{size}"
+    );
     let missing = Ephemeris::read(&[folder.0.path().join("none.bsp")]).unwrap_err().to_string();
     assert!(missing.contains("none.bsp"), "{missing}");
+}
+
+/// A word that has changed is refused, or moves nothing by more than 1 km and 1e-8 of the distance to the Sun.
+#[test]
+fn a_changed_word_is_refused_or_changes_nothing() {
+    let folder = Folder::new();
+    let whole = kernel(&solar_system(), FROM_S, 3);
+    let places = |ephemeris: &Ephemeris| {
+        let mut places = Vec::new();
+        for step in 0..48 {
+            let tdb_s = FROM_S + f64::from(step) / 4.0 * DAY_S;
+            let bodies = ephemeris.solar_system(tdb_s).unwrap();
+            places.extend([bodies.sun, bodies.earth, bodies.moon].map(|state| state.position_m));
+            places.extend(Planet::ALL.map(|planet| ephemeris.position_m(planet, tdb_s).unwrap()));
+        }
+        places
+    };
+    let expected = places(&folder.read("whole.bsp", &whole).unwrap());
+    let words = whole.len() / 8;
+    let mut refused = 0;
+    // 97 has no factor in common with a record's 50 words.
+    for (trial, word) in (3 * 128..words).step_by(97).enumerate() {
+        let value = f64::from_le_bytes(whole[8 * word..8 * word + 8].try_into().unwrap());
+        let wrong = [1e30, -value, value + 1e6, 1e11, value * 1.001 + 10.0, 0.0, f64::MAX][trial % 7];
+        let mut file = whole.clone();
+        file[8 * word..8 * word + 8].copy_from_slice(&wrong.to_le_bytes());
+        match folder.read("changed.bsp", &file) {
+            Err(said) => {
+                assert!(said.contains("changed.bsp") && said.contains("the kernel is damaged"), "{said}");
+                refused += 1;
+            }
+            Ok(ephemeris) => {
+                for (found, expected) in places(&ephemeris).into_iter().zip(&expected) {
+                    let moved_m = (found - *expected).length();
+                    assert!(
+                        moved_m <= 1e3 + 1e-8 * expected.length(),
+                        "word {word}: {value} to {wrong}: {moved_m} m"
+                    );
+                }
+            }
+        }
+    }
+    assert!(refused > 10, "{refused}");
+}
+
+#[test]
+fn bodies_in_each_others_place_are_refused() {
+    let folder = Folder::new();
+    let mut bodies = solar_system();
+    bodies[4].target = 5;
+    bodies[5].target = 4;
+    let said = folder.read("a.bsp", &kernel(&bodies, FROM_S, 2)).unwrap_err();
+    assert!(
+        said.contains("the kernel is damaged") && said.contains("km from the Solar System's barycentre"),
+        "{said}"
+    );
 }

@@ -3,18 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use retina_geometry::Pinhole;
 use retina_model::{Body, BuildSpec, build_body, load_body};
-use retina_render::{BodyState, GpuDevice, RadianceImage};
-
-/// An opened adapter, or `None` with a word on standard error: the tests that need one skip.
-pub fn adapter() -> Option<GpuDevice> {
-    match GpuDevice::open() {
-        Ok(gpu) => Some(gpu),
-        Err(error) => {
-            eprintln!("skipped: {error}");
-            None
-        }
-    }
-}
+use retina_render::{BodyState, RadianceImage};
 
 /// The project's Moon with smooth normals.
 pub fn moon() -> Body {

@@ -5,9 +5,10 @@ use glam::{DQuat, DVec3};
 use retina_geometry::Distortion;
 use retina_radiometry::{AU_M, Hapke, Law, PhaseFunction, Photometry};
 use retina_render::{
-    BodyModel, BodyState, CpuRenderer, CpuSampling, FrameState, GpuRenderer, Planes, Quality, RadianceImage,
+    BodyModel, BodyState, CpuRenderer, CpuSampling, FrameState, GpuDevice, GpuRenderer, Planes, Quality,
+    RadianceImage,
 };
-use retina_tests::{Comparison, adapter, compare, moon, placed, sphere, square_image};
+use retina_tests::{Comparison, compare, moon, placed, sphere, square_image};
 
 /// Converged enough to stand as the truth: 64 samples a pixel, 400 on edges, four Sun rays each.
 const REFERENCE: CpuSampling = CpuSampling { grid: 8, refined_grid: 20, sun_points: 4, contrast: 0.1 };
@@ -31,7 +32,7 @@ fn both(
     state: &FrameState,
     sampling: CpuSampling,
 ) -> Option<(RadianceImage, RadianceImage)> {
-    let gpu = adapter()?;
+    let gpu = GpuDevice::open_for_test()?;
     let quality = Quality::Best;
     let mut renderer =
         GpuRenderer::new(gpu, models.clone(), quality, Planes::Layers).expect("the bodies fit");
@@ -187,7 +188,7 @@ fn rendering_through_the_distortion() {
 
 #[test]
 fn the_same_bytes_again() {
-    let Some(gpu) = adapter() else { return };
+    let Some(gpu) = GpuDevice::open_for_test() else { return };
     let (models, state) = eclipse(AU_M);
     let mut renderer =
         GpuRenderer::new(gpu, models, Quality::Default, Planes::RadianceFactor).expect("the bodies fit");

@@ -3,8 +3,10 @@
 
 use glam::{DQuat, DVec2, DVec3};
 use retina_radiometry::{AU_M, Law, PhaseFunction, Photometry};
-use retina_render::{BodyModel, CpuRenderer, FrameState, GpuRenderer, Planes, Quality, RadianceImage};
-use retina_tests::{adapter, placed, sphere, square_image};
+use retina_render::{
+    BodyModel, CpuRenderer, FrameState, GpuDevice, GpuRenderer, Planes, Quality, RadianceImage,
+};
+use retina_tests::{placed, sphere, square_image};
 
 const DISTANCE_M: f64 = 1.0e7;
 const FOCAL_PX: f64 = 2000.0;
@@ -66,7 +68,7 @@ fn small_bodies_do_not_vanish_or_blink() {
 #[test]
 fn small_bodies_do_not_vanish_or_blink_on_the_gpu() {
     for radius_px in RADII_PX {
-        let Some(gpu) = adapter() else { return };
+        let Some(gpu) = GpuDevice::open_for_test() else { return };
         let models = vec![disc(radius_px)];
         let mut renderer = GpuRenderer::new(gpu, models, Quality::Default, Planes::Layers).expect("it fits");
         for (x, y) in PLACES_PX {
@@ -79,7 +81,7 @@ fn small_bodies_do_not_vanish_or_blink_on_the_gpu() {
 
 #[test]
 fn a_small_body_beside_a_large_one_is_seen() {
-    let Some(gpu) = adapter() else { return };
+    let Some(gpu) = GpuDevice::open_for_test() else { return };
     let models = vec![disc(20.0), disc(0.5)];
     let mut both = state(DVec2::new(24.0, 32.0));
     both.bodies.push(state(DVec2::new(55.0, 31.0)).bodies[0]);

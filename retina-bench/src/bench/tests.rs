@@ -134,3 +134,22 @@ fn a_full_pixel_is_full() {
     let error = bench.expose(&ScreenImage::dark(10, 10), &Exposure::new(1.0, 0)).unwrap_err();
     assert!(error.to_string().contains("[10, 10]"), "{error}");
 }
+
+/// The reference is matched by the diagonal: M -1.388 in the place of eq. 13's -1.566, 12.8 % off.
+#[test]
+fn lenses_of_another_magnification_than_the_setups_are_refused() {
+    let mut wrong = setup("wide-fov.toml");
+    wrong.optics.system = Some("reference-1.3fc-wide".into());
+    let said = crate::facility_system(&wrong).unwrap_err().to_string();
+    assert!(said.contains("wide-fov.toml, key `optics.system`"), "{said}");
+    // 86.8 / 1.388 and 86.8 / 1.566 mm.
+    assert!(said.contains("of f_c / |M| 62.5") && said.contains("expected 55.4"), "{said}");
+    let BenchError::Input(error) = crate::facility_system(&wrong).unwrap_err() else { unreachable!() };
+    let help = error.help.unwrap();
+    assert!(help.contains("set observed_rows_px = 135"), "{help}");
+    wrong.facility.observed_rows_px = Some(1354.0);
+    assert!(crate::facility_system(&wrong).is_ok());
+    let mut narrow = setup("narrow-fov.toml");
+    narrow.optics.system = Some("reference-1.3fc-wide".into());
+    assert!(crate::facility_system(&narrow).is_err());
+}

@@ -1,7 +1,10 @@
 //! Where things stand: the lenses for a setup's camera, the camera, and what changes from exposure to
 //! exposure.
 
+use std::path::Path;
+
 use glam::{DMat3, DVec2, DVec3};
+use retina_files::InputError;
 use retina_geometry::{Pinhole, Setup};
 use retina_optics::constraints::BenchLimits;
 use retina_optics::design::{BenchLenses, Camera, MatchBy, Screen, bench_design};
@@ -28,7 +31,9 @@ const PUPIL_FACTOR: f64 = 1.3;
 /// The file does not fit; the bench has no room for the camera.
 pub fn facility_system(setup: &Setup) -> Result<OpticalSystem, BenchError> {
     if let Some(path) = setup.optics_system() {
-        return Ok(read_system(&path, &[])?);
+        let system = read_system(&path, &[])?;
+        check_magnification(setup, &path, &system)?;
+        return Ok(system);
     }
     let camera = Camera {
         width_px: setup.camera.width_px,
@@ -51,6 +56,7 @@ pub fn facility_system(setup: &Setup) -> Result<OpticalSystem, BenchError> {
         pupil_collimator_mm: request.pupil_collimator_mm,
     };
     let bench = bench_design(&camera, &screen, &lenses, &BenchLimits::PAPER, MatchBy::Height);
+    request.match_by = MatchBy::Height;
     request.configurations = vec![Configuration::of_camera(&setup.name, &camera, bench.layout.magnification)];
     let group = |lenses: &[(&str, bool)], gaps_mm: &[f64]| GroupDesign {
         elements: lenses
@@ -65,6 +71,34 @@ pub fn facility_system(setup: &Setup) -> Result<OpticalSystem, BenchError> {
     };
     let (_, mut systems) = evaluate(&design, &request, ScreenFocus::Best)?;
     Ok(systems.swap_remove(0))
+}
+
+/// A prescription may differ so much from the setup: its distortion, and lenses that are made so.
+const MAGNIFICATION_SHARE: f64 = 0.02;
+
+/// Refuses a prescription whose magnification is not the setup's: f_c / |M| is the focal length from the camera to the
+/// screen, and K_f's f_y in millimetres of the screen.
+fn check_magnification(setup: &Setup, path: &Path, system: &OpticalSystem) -> Result<(), BenchError> {
+    let system_mm = 1.0 / retina_optics::paraxial::Paraxial::primary(system)?.power().abs();
+    let pixel_mm = setup.screen.height_mm / f64::from(setup.screen.height_px);
+    let setup_mm = setup.facility_pinhole().fy_px * pixel_mm;
+    if (system_mm / setup_mm - 1.0).abs() <= MAGNIFICATION_SHARE {
+        return Ok(());
+    }
+    let mend = match (setup.facility.intrinsics, setup.facility.observed_rows_px) {
+        (None, Some(rows_px)) => {
+            format!("set observed_rows_px = {:.1}", rows_px * system_mm / setup_mm)
+        }
+        _ => format!("set intrinsics of f_y {:.1} px", system_mm / pixel_mm),
+    };
+    Err(InputError::new(&setup.file, "the lenses have another magnification than the setup")
+        .at("key `optics.system`")
+        .found(format!("`{}`, of f_c / |M| {system_mm:.3} mm from the camera to the screen", path.display()))
+        .expected(format!("{setup_mm:.3} mm within 2 %, as table `facility` has it (eq. 13)"))
+        .help(format!(
+            "{mend}, or name lenses that were designed for this camera and screen, matched by the height"
+        ))
+        .into())
 }
 
 /// Half extents of the part of the display that the camera can see, with a margin, mm.

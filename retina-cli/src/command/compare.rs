@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use retina_diagnosis::{compare, compare_json, compare_page, compare_text};
+use retina_files::InputError;
 use retina_report::Page;
 
 use super::workbench::{Input, Material};
@@ -33,6 +34,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (material, added) = Material::read(&arguments.input, &arguments.effects)?;
     let data = material.data();
     let result = compare(data, &added);
+    if !(result.rms.is_finite() && result.rms_unweighted.is_finite()) {
+        return Err(InputError::new(arguments.input.table(), "the errors have no finite size")
+            .found(format!("{} rms, {} unweighted", result.rms, result.rms_unweighted))
+            .help("look for measurements, or their uncertainties, that are larger than any can be")
+            .into());
+    }
     if let Some(path) = &arguments.svg {
         retina_diagnosis::write_figure(path, data, &added)?;
     }

@@ -51,6 +51,11 @@ impl Input {
         crate::check_apart(inputs, outputs, None)
     }
 
+    /// The first table, for errors about all.
+    pub(crate) fn table(&self) -> &Path {
+        self.data.first().map_or(Path::new("--data"), PathBuf::as_path)
+    }
+
     /// Which calibration the tables take: of the geometry (points), of the response (power), none (phase).
     fn calibrated(&self) -> Result<Calibrated, Failure> {
         let flag = if self.calibration.is_some() {

@@ -178,13 +178,13 @@ fn check_units(file: &Path, covariates: &[Covariate]) -> Result<(), InputError> 
                 .help(help))
         };
         match covariate.name.as_str() {
-            "temperature_c" if low > 150.0 => {
+            "temperature_c" if low > 150.0 || low < -273.15 || high > 1000.0 => {
                 return wrong("is no temperature of a laboratory in Celsius", "kelvin? subtract 273.15");
             }
             "time_s" if covariate.varies() && (high - low).abs() < 1e-2 => {
                 return wrong("is no time of a campaign in seconds", "days? multiply by 86400");
             }
-            "exposure_s" if low > 3600.0 => {
+            "exposure_s" if low > 3600.0 || low <= 0.0 || high > 1e6 => {
                 return wrong("is no exposure time in seconds", "milliseconds or microseconds? divide");
             }
             "square_px" if high > 1e4 => {

@@ -97,9 +97,19 @@ pub fn navigate(
     watcher: &mut dyn Watcher,
 ) -> Result<Sequence, InputError> {
     let all = source.frames.len();
-    let frames = navigate_sequence(source, list, &mut |done| watcher.done(done, all))?;
     let truths: Vec<FrameTruth> =
         source.frames.iter().map(|&frame| source.truth(frame)).collect::<Result<_, _>>()?;
+    // Kernels that the filter cannot do with are said before the frames are measured.
+    if let (Some(_), [first, .., last], Some(kernel)) =
+        (filter, &truths[..], ephemeris.kernel_files().first())
+    {
+        for truth in [first, last] {
+            ephemeris
+                .solar_system(truth.time_s)
+                .map_err(|error| InputError::new(&kernel.path, error.to_string()))?;
+        }
+    }
+    let frames = navigate_sequence(source, list, &mut |done| watcher.done(done, all))?;
     let radius_m = truths.first().map_or(0.0, |truth| truth.limb_body().mean_radius_m());
     let filter = match filter {
         None => Err("not asked for".to_owned()),

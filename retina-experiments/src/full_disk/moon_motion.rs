@@ -3,6 +3,7 @@
 
 use glam::{DMat3, DVec3};
 use retina_sky::ephemeris::{Ephemeris, EphemerisError};
+use retina_sky::planets::Planet;
 
 use retina_navigation::filter::{EphemerisTable, GM_M3_S2, runge_kutta};
 
@@ -40,7 +41,7 @@ impl MoonMotion {
         acceleration_sigma_m_s2: f64,
         acceleration_time_s: f64,
     ) -> Result<Self, EphemerisError> {
-        let ephemeris = EphemerisTable::new(ephemeris, span_s)?;
+        let ephemeris = EphemerisTable::of(ephemeris, span_s, &[Planet::Earth, Planet::Moon])?;
         Ok(Self { ephemeris, acceleration_sigma_m_s2, acceleration_time_s })
     }
 

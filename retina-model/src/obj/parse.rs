@@ -33,12 +33,18 @@ pub(super) struct Text {
     pub(super) uvs: Vec<Vec2>,
     pub(super) normals: Vec<DVec3>,
     pub(super) triangles: Vec<Triangle>,
-    /// Statements that were passed over: keyword and line of the first, in the file's order.
+    /// Statements that were passed over: keyword and line of the first, in the file's order; [`MOST_NOTED`] at most.
     pub(super) passed_over: Vec<(String, usize)>,
 }
 
 /// What names and groups parts of the mesh, without a meaning here.
 const SILENT: [&str; 2] = ["o", "g"];
+
+/// Most kinds of statement that are named as passed over.
+const MOST_NOTED: usize = 32;
+
+/// Most corners of a face: the slivers of a larger fan meet every ray that comes near it.
+const MOST_CORNERS: usize = 1000;
 
 /// Parses the file's text.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Text, InputError> {
@@ -122,8 +128,12 @@ impl Reader<'_> {
                 Ok(())
             }
             _ => {
-                if !SILENT.contains(&keyword) && !self.out.passed_over.iter().any(|(k, _)| k == keyword) {
-                    self.out.passed_over.push((keyword.to_owned(), self.line));
+                let known = &mut self.out.passed_over;
+                if known.len() < MOST_NOTED
+                    && !SILENT.contains(&keyword)
+                    && !known.iter().any(|(k, _)| k == keyword)
+                {
+                    known.push((keyword.chars().take(40).collect(), self.line));
                 }
                 Ok(())
             }
@@ -191,6 +201,13 @@ impl Reader<'_> {
                 .error("the face has too few corners")
                 .found(corners.len())
                 .expected("at least 3"));
+        }
+        if corners.len() > MOST_CORNERS {
+            return Err(self
+                .error("the face has too many corners")
+                .found(corners.len())
+                .expected(format!("at most {MOST_CORNERS}"))
+                .help("export the mesh in triangles"));
         }
         for pair in corners[1..].windows(2) {
             let corners = [corners[0], pair[0], pair[1]];

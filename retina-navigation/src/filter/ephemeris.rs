@@ -26,16 +26,26 @@ impl EphemerisTable {
     /// # Errors
     /// The span reaches beyond the ephemeris, or kernels lack a planet.
     pub fn new(ephemeris: &Ephemeris, span_s: [f64; 2]) -> Result<Self, EphemerisError> {
+        Self::of(ephemeris, span_s, &Planet::ALL)
+    }
+
+    /// As [`EphemerisTable::new`], of the Sun and these planets alone; the others must not be asked for.
+    ///
+    /// # Errors
+    /// The span reaches beyond the ephemeris, or kernels lack one of these.
+    pub fn of(ephemeris: &Ephemeris, span_s: [f64; 2], planets: &[Planet]) -> Result<Self, EphemerisError> {
         let start_s = span_s[0] - 4.0 * STEP_S;
         let count = ((span_s[1] - start_s) / STEP_S).ceil().max(0.0) as usize + POINTS;
         let rows = (0..count)
             .into_par_iter()
             .map(|row| {
                 let tdb_s = start_s + row as f64 * STEP_S;
-                let mut bodies = [DVec3::ZERO; BODIES];
+                let mut bodies = [DVec3::NAN; BODIES];
                 bodies[0] = ephemeris.solar_system(tdb_s)?.sun.position_m;
                 for (body, planet) in bodies[1..].iter_mut().zip(Planet::ALL) {
-                    *body = ephemeris.position_m(planet, tdb_s)?;
+                    if planets.contains(&planet) {
+                        *body = ephemeris.position_m(planet, tdb_s)?;
+                    }
                 }
                 Ok(bodies)
             })

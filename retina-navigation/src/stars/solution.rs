@@ -103,6 +103,17 @@ pub enum Refusal {
         /// The search ended at its limit ([`SolverOptions::most_hypotheses`](super::SolverOptions)), not at its end.
         stopped: bool,
     },
+    /// The stars are there, at a focal length that was ruled out.
+    #[error(
+        "the stars fit at a focal length {percent:+.2} % off, and {:+.2} to {:+.2} % was allowed: check the camera's focal length, or allow more",
+        100.0 * (.allowed[0] - 1.0), 100.0 * (.allowed[1] - 1.0)
+    )]
+    FocalLength {
+        /// How far off, per cent.
+        percent: f64,
+        /// Least and greatest focal length over the camera's that were allowed.
+        allowed: [f64; 2],
+    },
     /// The stars are there, seen in a mirror.
     #[error(
         "the image is mirrored left to right (or was said to be, and is not): flipped it fits {} stars about right ascension {:.3} deg, declination {:.3} deg",
@@ -115,11 +126,12 @@ pub enum Refusal {
 }
 
 impl Refusal {
-    /// A word for machines: `too_few_points`, `no_match` or `mirrored`.
+    /// A word for machines: `too_few_points`, `no_match`, `focal_length` or `mirrored`.
     pub fn reason(&self) -> &'static str {
         match self {
             Self::TooFewPoints { .. } => "too_few_points",
             Self::NoMatch { .. } => "no_match",
+            Self::FocalLength { .. } => "focal_length",
             Self::Mirrored { .. } => "mirrored",
         }
     }

@@ -68,6 +68,9 @@ const MIRRORED_PASSES: usize = 2;
 const APART_PX: f64 = 4.0;
 /// Relative error of an angle by an uncalibrated lens's distortion and half a step of the scan over focal lengths.
 pub(super) const LOOSE: f64 = 0.003;
+/// How far a fitted focal length may lie beyond what was allowed, beside three of its standard deviations: what is left
+/// of a calibrated camera's distortion.
+const FOCAL_SLACK: f64 = 0.001;
 /// Of a camera that is known.
 const TIGHT: f64 = 0.0006;
 /// Half the width of the scan's steps is [`LOOSE`].
@@ -141,7 +144,16 @@ impl StarSolver {
         }
         let Outcome { found, hypotheses, log10_best, stopped } = self.search(points, &separate, &self.passes);
         if let Some(verified) = found {
-            return Ok(self.finish(points, observer, verified, hypotheses));
+            let solution = self.finish(points, observer, verified, hypotheses);
+            let [least, greatest] = self.options.focal_ratio;
+            let (ratio, slack) = (solution.fit.focal_ratio, FOCAL_SLACK + 3.0 * solution.focal_ratio_sigma);
+            if !(least - slack..=greatest + slack).contains(&ratio) {
+                return Err(Refusal::FocalLength {
+                    percent: 100.0 * (ratio - 1.0),
+                    allowed: [least, greatest],
+                });
+            }
+            return Ok(solution);
         }
         let flip = |point: &StarPoint| StarPoint {
             line_of_sight: DVec2::new(-point.line_of_sight.x, point.line_of_sight.y),

@@ -9,7 +9,7 @@ mod setup;
 pub use figure::bench_figure;
 pub use setup::setup_toml;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::constraints::{BenchLimits, Layout, PaperModel};
 
@@ -66,7 +66,7 @@ impl Screen {
 }
 
 /// Which extent of the screen the camera's same extent is matched to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MatchBy {
     /// The height (eq. 13).
@@ -76,6 +76,17 @@ pub enum MatchBy {
     Width,
     /// The diagonal.
     Diagonal,
+}
+
+impl MatchBy {
+    /// In words, after "matched by".
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Height => "the height",
+            Self::Width => "the width",
+            Self::Diagonal => "the diagonal",
+        }
+    }
 }
 
 /// The lenses of a facility as thin ones, mm.

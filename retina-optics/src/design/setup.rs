@@ -19,7 +19,7 @@ pub fn setup_toml(
     // Writing into a String cannot fail.
     let _ = write!(
         text,
-        "# M = {:.4}; distances between principal planes in mm: screen to relay {:.3}, relay to intermediate image\n\
+        "# M = {:.4}, camera and screen matched by {}; distances between principal planes in mm: screen to relay {:.3}, relay to intermediate image\n\
          # {:.3}, relay to collimator {:.3}, screen to collimator {:.3}, camera pupil to collimator {:.3}.\n\
          schema = \"retina.setup/1\"\n\
          name = \"{quoted}\"\n\n\
@@ -28,6 +28,7 @@ pub fn setup_toml(
          [camera]\nwidth_px = {}\nheight_px = {}\npixel_um = {:?}\nfocal_mm = {:?}\nf_number = {:?}\nbits = {camera_bits}\n\n\
          [facility]\nobserved_rows_px = {:?}\n",
         layout.magnification,
+        design.match_by.words(),
         layout.screen_relay_mm,
         layout.relay_image_mm,
         layout.inter_lens_mm,

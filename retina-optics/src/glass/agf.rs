@@ -16,10 +16,15 @@ use crate::text::{number, read_text_any};
 ///
 /// # Errors
 /// A line of another kind, a formula number that is not 1 to 13, numbers that are none, a glass
-/// without coefficients or range, a file without glasses: each with its line.
+/// without coefficients or range, an index outside 1 to 10 within its range, a file without glasses: each with its line.
 pub fn read_agf(path: &Path) -> Result<Vec<Glass>, InputError> {
     parse_agf(path, &read_text_any(path)?)
 }
+
+/// Places of a glass's range where its index is looked at.
+const RANGE_STEPS: u32 = 64;
+/// Indices that a medium may have; a little below 1 is an absolute index of a gas against air.
+const INDICES: std::ops::RangeInclusive<f64> = 0.999..=10.0;
 
 struct Open {
     line: usize,
@@ -45,6 +50,22 @@ impl Open {
                 .found(self.formula)
                 .expected("1 to 13")
         })?;
+        let [low, high] = range_um;
+        if !(low >= 0.01 && low < high && high <= 1000.0) {
+            return Err(error(format!("glass {} has a wavelength range that is none", self.name))
+                .found(format!("{low} to {high} um"))
+                .expected("two wavelengths in um, the shorter one first"));
+        }
+        for step in 0..=RANGE_STEPS {
+            let wavelength_um = low + (high - low) * f64::from(step) / f64::from(RANGE_STEPS);
+            let index = dispersion.index(wavelength_um);
+            if !INDICES.contains(&index) {
+                return Err(error(format!("glass {} has an index that no glass has", self.name))
+                    .found(format!("{index:.4} at {wavelength_um:.4} um"))
+                    .expected(format!("1 to 10 over its range, {low} to {high} um"))
+                    .help("check its CD and LD lines against the maker's catalogue"));
+            }
+        }
         Ok(Glass {
             name: self.name,
             catalogue: catalogue.to_owned(),
@@ -186,6 +207,18 @@ mod tests {
         refused(&BK7.replace("LD 0.3 2.5\n", ""), "line 2: glass N-BK7 has no wavelength range");
         refused(&BK7.replace("0.231792344", "x"), "line 5");
         refused(&BK7.replace("N-BK7 2", "N-BK7 14"), "unknown formula");
+        refused(
+            &BK7.replace("CD 1.03961212", "CD 1039.61212"),
+            "line 2: glass N-BK7 has an index that no glass has (found 3",
+        );
+        refused(
+            &BK7.replace("CD 1.03961212", "CD -103"),
+            "(found NaN at 0.3000 um, expected 1 to 10 over its range",
+        );
+        refused(
+            &BK7.replace("LD 0.3 2.5", "LD 2.5 0.3"),
+            "has a wavelength range that is none (found 2.5 to 0.3 um",
+        );
         refused("QQ 1\n", "no glass has begun");
         refused(&(BK7.to_owned() + "QQ 1\n"), "line 9: a line that is not understood");
     }

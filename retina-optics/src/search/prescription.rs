@@ -28,8 +28,10 @@ impl SearchedDesign {
             let _ = writeln!(text, "{arguments}");
         };
         line(format_args!(
-            "# Stock-lens search: worst RMS {:.3} um on the sensor, M {:.6};",
-            self.worst_rms_um, result.m
+            "# Stock-lens search: worst RMS {:.3} um on the sensor, M {:.6}, camera and screen matched by {};",
+            self.worst_rms_um,
+            result.m,
+            request.match_by.words()
         ));
         line(format_args!(
             "# collimator {:.4} mm, relay {:.4} mm at {} nm; s_cam {} mm.",

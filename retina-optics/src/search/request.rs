@@ -6,7 +6,7 @@ use retina_files::InputError;
 use serde::{Deserialize, Serialize};
 
 use crate::constraints::BenchLimits;
-use crate::design::{Camera, Screen};
+use crate::design::{Camera, MatchBy, Screen};
 
 /// Longest length of a request, mm: ten metres.
 const LONGEST_MM: f64 = 1e4;
@@ -79,6 +79,8 @@ pub struct SearchRequest {
     pub pupil_collimator_mm: f64,
     /// The configurations served by the same lenses, gaps inside the groups included.
     pub configurations: Vec<Configuration>,
+    /// How their magnifications were chosen.
+    pub match_by: MatchBy,
     /// Wavelengths of equal weight, nm; first-order figures are held at the middle one.
     pub wavelengths_nm: Vec<f64>,
     /// Distances on the bench between principal planes; s_rc also between vertices.
@@ -107,7 +109,7 @@ pub struct SearchRequest {
 
 impl SearchRequest {
     /// The paper's facility: f_c = 86.8, f_r = 82.8 mm, three and two doublets, the wide and the
-    /// narrow camera; s_cam = `pupil_factor` f_c.
+    /// narrow camera, matched by the diagonal; s_cam = `pupil_factor` f_c.
     pub fn paper(pupil_factor: f64) -> Self {
         let collimator_focal_mm = 86.8;
         Self {
@@ -120,6 +122,7 @@ impl SearchRequest {
                 Configuration::paper("wide-fov", 25.0, collimator_focal_mm),
                 Configuration::paper("narrow-fov", 50.0, collimator_focal_mm),
             ],
+            match_by: MatchBy::Diagonal,
             wavelengths_nm: vec![605.0, 544.0, 475.0],
             bench: BenchLimits::PAPER,
             min_screen_gap_mm: BenchLimits::PAPER.screen_relay_mm,

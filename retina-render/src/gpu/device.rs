@@ -17,6 +17,11 @@ const STORAGE_BUFFERS: u32 = 4;
 /// Width of a texture that holds an array; shaders/shared/types.wgsl counts on it.
 const TEXELS_PER_ROW: u32 = 4096;
 
+/// Whether this value of the environment variable `CI` says that the tests run for a verdict.
+fn is_demanded(ci: &str) -> bool {
+    !["", "0", "false"].contains(&ci.trim().to_ascii_lowercase().as_str())
+}
+
 impl GpuDevice {
     /// Opens the first suitable adapter; a real GPU is preferred to a software one.
     ///
@@ -54,6 +59,21 @@ impl GpuDevice {
         let driver = format!("{} {}", info.driver, info.driver_info);
         let is_software = info.device_type == wgpu::DeviceType::Cpu;
         Ok(Self { device, queue, name: info.name, driver, is_software })
+    }
+
+    /// For tests that need an adapter: [`GpuDevice::open`], or `None` with a word on standard error.
+    ///
+    /// # Panics
+    /// There is none where the environment variable `CI` is set: there such a test must not pass unrun.
+    pub fn open_for_test() -> Option<Self> {
+        let error = match Self::open() {
+            Ok(gpu) => return Some(gpu),
+            Err(error) => error,
+        };
+        let ci = std::env::var("CI").unwrap_or_default();
+        assert!(!is_demanded(&ci), "CI={ci} demands a graphics adapter for this test: {error}");
+        eprintln!("skipped: {error}");
+        None
     }
 
     /// Name of the adapter.
@@ -142,5 +162,45 @@ impl GpuDevice {
             usage,
             mapped_at_creation: false,
         }))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may fail")]
+mod tests {
+    use std::process::Command;
+
+    use super::*;
+
+    #[test]
+    fn ci_is_what_is_neither_empty_nor_false() {
+        assert!(["", "0", "false", "False", " "].iter().all(|ci| !is_demanded(ci)));
+        assert!(["1", "true", "yes", "github"].iter().all(|ci| is_demanded(ci)));
+    }
+
+    #[test]
+    fn without_an_adapter_a_test_skips_except_in_ci() {
+        // The test below, in a process that finds no driver.
+        let run = |ci: &str| {
+            let mut command = Command::new(std::env::current_exe().unwrap());
+            command.args(["--exact", "gpu::device::tests::an_adapter_is_there", "--nocapture"]);
+            for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
+                command.env(name, "/nonexistent.json");
+            }
+            let output = command.env_remove("VK_ADD_DRIVER_FILES").env("CI", ci).output().unwrap();
+            (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
+        };
+        // Other systems' graphics interfaces do not read these variables.
+        if cfg!(target_os = "linux") {
+            let (passed, said) = run("false");
+            assert!(passed && said.contains("skipped: "), "{said}");
+            let (passed, said) = run("true");
+            assert!(!passed && said.contains("CI=true demands a graphics adapter for this test"), "{said}");
+        }
+    }
+
+    #[test]
+    fn an_adapter_is_there() {
+        assert!(GpuDevice::open_for_test().is_none_or(|gpu| !gpu.name().is_empty()));
     }
 }

@@ -90,13 +90,7 @@ fn walk(renderer: &GpuRenderer, walks: u32) -> (u32, u32) {
 
 #[test]
 fn a_walk_that_is_cut_short_is_noticed() {
-    let gpu = match GpuDevice::open() {
-        Ok(gpu) => gpu,
-        Err(error) => {
-            eprintln!("skipped: {error}");
-            return;
-        }
-    };
+    let Some(gpu) = GpuDevice::open_for_test() else { return };
     let mut renderer = GpuRenderer::new(gpu, vec![sphere()], Quality::Draft, Planes::Radiance).unwrap();
     // A frame first: it fills the uniforms; and no walk of an ordinary frame is cut short.
     renderer.start(&state()).unwrap();
@@ -114,7 +108,7 @@ fn a_walk_that_is_cut_short_is_noticed() {
 
 #[test]
 fn the_host_refuses_a_frame_with_a_walk_cut_short() {
-    let Ok(gpu) = GpuDevice::open() else { return };
+    let Some(gpu) = GpuDevice::open_for_test() else { return };
     let mut renderer = GpuRenderer::new(gpu, vec![sphere()], Quality::Draft, Planes::Radiance).unwrap();
     renderer.start(&state()).unwrap();
     let staging = renderer.pending[0].staging.clone();

@@ -74,6 +74,25 @@ pub(super) fn is_used(target: i32) -> bool {
     (1..=SUN).contains(&target) || Planet::ALL.iter().any(|planet| numbers(*planet).0 == target)
 }
 
+/// Nearest and farthest that a body comes to the Solar System's barycentre, km: its perihelion and aphelion with their
+/// changes in some thousand years, and the Sun's own way (Allen, Astrophysical Quantities, 4th edition, 12.2).
+fn distance_km(target: i32) -> Option<[f64; 2]> {
+    let system = if target > SUN { target / 100 } else { target };
+    Some(match system {
+        SUN => [0.0, 3e6],
+        1 => [4.0e7, 7.5e7],
+        2 => [1.0e8, 1.16e8],
+        3 => [1.4e8, 1.6e8],
+        4 => [1.95e8, 2.6e8],
+        5 => [7.2e8, 8.4e8],
+        6 => [1.3e9, 1.56e9],
+        7 => [2.65e9, 3.1e9],
+        8 => [4.35e9, 4.65e9],
+        9 => [4.2e9, 7.6e9],
+        _ => return None,
+    })
+}
+
 /// A body's name with NAIF's number.
 pub(super) fn body_name(target: i32) -> String {
     let of = |(centre, barycentre): (i32, Option<i32>), planet: Planet| {
@@ -111,7 +130,32 @@ impl Kernels {
             let (centre, barycentre) = numbers(planet);
             barycentre.filter(|_| !given(centre)).unwrap_or(centre)
         });
-        Ok(Self { files, segments: all, planets, almanac })
+        let kernels = Self { files, segments: all, planets, almanac };
+        kernels.check_places()?;
+        Ok(kernels)
+    }
+
+    /// Refuses kernels that have a body where it cannot be: a number that has changed, or a body of another number.
+    fn check_places(&self) -> Result<(), InputError> {
+        for (file, Segment { target, span_s: [from_s, to_s] }) in &self.segments {
+            let Some([least_km, most_km]) = distance_km(*target) else { continue };
+            for tdb_s in [*from_s, 0.5 * (from_s + to_s), *to_s] {
+                // What leads on to the barycentre may be in another kernel, for other epochs.
+                let Ok(state) = self.state(*target, tdb_s) else { continue };
+                let found_km = state.position_m.length() / 1e3;
+                if !(least_km..=most_km).contains(&found_km) || !state.velocity_m_s.is_finite() {
+                    return Err(InputError::new(&self.files[*file].path, "the kernel is damaged")
+                        .at(format!("segment of {}", body_name(*target)))
+                        .found(format!(
+                            "{found_km:.4e} km from the Solar System's barycentre at {}",
+                            format_epoch_tdb(tdb_s)
+                        ))
+                        .expected(format!("{least_km:.2e} to {most_km:.2e} km"))
+                        .help("fetch the file again"));
+                }
+            }
+        }
+        Ok(())
     }
 
     /// The files, in their order.

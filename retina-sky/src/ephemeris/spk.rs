@@ -8,6 +8,7 @@ use std::path::Path;
 use retina_files::InputError;
 
 use super::kernels::{body_name, is_used};
+use super::records::flaw;
 
 /// Bytes of a record of a Double precision Array File.
 const RECORD_BYTES: usize = 1024;
@@ -80,10 +81,14 @@ pub(super) fn segments(path: &Path, bytes: &[u8]) -> Result<Vec<Segment>, InputE
                 check_segment(path, target, frame, kind)?;
                 // Whatever evaluates the words trusts them.
                 let words = &bytes[(first as usize - 1) * 8..last as usize * 8];
-                let broken = |word: &[u8]| !double_of(word).is_finite();
-                if let Some(word) = words.chunks_exact(8).position(broken) {
-                    let place = format!("segment of {}, word {}", body_name(target), first as usize + word);
+                let words: Vec<f64> = words.chunks_exact(8).map(double_of).collect();
+                let segment = format!("segment of {}", body_name(target));
+                if let Some(word) = words.iter().position(|word| !word.is_finite()) {
+                    let place = format!("{segment}, word {}", first as usize + word);
                     return Err(damaged("what is no number".to_owned()).at(place));
+                }
+                if let Some(flaw) = flaw(kind, span_s, &words) {
+                    return Err(damaged(flaw).at(segment));
                 }
             }
             found.push(Segment { target, span_s });

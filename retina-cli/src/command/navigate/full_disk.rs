@@ -24,6 +24,9 @@ enum Kind {
     Camera,
 }
 
+/// Twice the height at which an atmosphere of the Earth's kind shows a limb, m.
+const HIGHEST_LIMB_M: f64 = 2e5;
+
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -112,19 +115,15 @@ fn scenario(arguments: &Arguments) -> Result<(), Failure> {
 impl Arguments {
     fn choice(&self) -> Result<SourceChoice, Failure> {
         let pointing_arcsec = self.pointing_sigma_arcsec.unwrap_or(0.0);
-        for (flag, value, fits) in [
-            ("--limb-height-m", self.limb_height_m, self.limb_height_m.is_finite()),
-            (
-                "--limb-height-sigma-m",
-                self.limb_height_sigma_m,
-                (0.0..1e9).contains(&self.limb_height_sigma_m),
-            ),
-            ("--pointing-sigma-arcsec", pointing_arcsec, (0.0..3600.0).contains(&pointing_arcsec)),
+        for (flag, value, least, most) in [
+            ("--limb-height-m", self.limb_height_m, -HIGHEST_LIMB_M, HIGHEST_LIMB_M),
+            ("--limb-height-sigma-m", self.limb_height_sigma_m, 0.0, HIGHEST_LIMB_M),
+            ("--pointing-sigma-arcsec", pointing_arcsec, 0.0, 3600.0),
         ] {
-            if !fits {
-                return Err(InputError::new(Path::new(flag), "the value is out of range")
+            if !(least..=most).contains(&value) {
+                return Err(InputError::new(Path::new(flag), "the value does not fit")
                     .found(value)
-                    .expected("a finite number; a standard deviation must be 0 or more")
+                    .expected(format!("{least} to {most}"))
                     .into());
             }
         }

@@ -7,7 +7,7 @@ use glam::DVec3;
 use retina_files::InputError;
 use retina_formats::Calibration;
 use retina_geometry::Setup;
-use retina_image::{CameraImage, DetectOptions, ReadOptions};
+use retina_image::{CameraImage, DetectOptions, IS_COLOUR, ReadOptions};
 use retina_navigation::image::{ImageContext, ImageResult, solve_image};
 use retina_navigation::planets::{PAPER_POSITION_SIGMA_M, PriorPosition};
 use retina_navigation::stars::{SolverOptions, StarCamera, StarSolver};
@@ -107,7 +107,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (tdb_s, context) = arguments.context(&ephemeris)?;
     let mut prepared: BTreeMap<[u32; 2], (StarCamera, StarSolver)> = BTreeMap::new();
     let (mut documents, mut refused, mut worst_arcsec) = (Vec::new(), 0, 0.0f64);
-    let mut unreadable = None;
+    let mut unreadable: Vec<Failure> = Vec::new();
     let bar = counter(arguments.images.len() as u64, "images");
     for path in bar.wrap_iter(arguments.images.iter()) {
         let image = match arguments.read(path, &optics) {
@@ -116,10 +116,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             Err(error) => {
                 let file = path.display().to_string();
                 documents.push(json!({
-                    "file": file, "solved": false, "reason": "unreadable", "message": "the file is not a readable image of this camera",
+                    "file": file, "solved": false, "reason": "unreadable", "message": error.to_string(),
                     "ra_deg": null, "dec_deg": null, "roll_deg": null, "matches": 0, "rms_arcsec": null, "planets": [],
                 }));
-                unreadable.get_or_insert(error);
+                unreadable.push(error);
                 continue;
             }
         };
@@ -141,9 +141,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
     }
     bar.finish_and_clear();
-    if let Some(error) = unreadable.take_if(|_| documents.len() == 1) {
-        return Err(error);
-    }
     if arguments.json {
         print_json(&json!({
             "schema": "retina.navigation-stars/1",
@@ -153,8 +150,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             "epoch": arguments.time.clone().map_or(json!("J2020.0 (assumed)"), Value::from),
         }))?;
     }
-    if let Some(error) = unreadable {
-        return Err(error);
+    // Each says its own reason; the last one ends the command.
+    if let Some(last) = unreadable.pop() {
+        unreadable.iter().for_each(Failure::show);
+        return Err(last);
     }
     if arguments.all && refused > 0 {
         return Err(Failure::exceeded(format!(
@@ -190,7 +189,12 @@ impl Arguments {
             Optics::Field(_) => None,
         };
         let options = ReadOptions { bits: self.bits.or(setup_bits), colour_to_grey: self.colour };
-        let image = CameraImage::read(path, options)?;
+        let image = CameraImage::read(path, options).map_err(|error| match error.problem.as_str() {
+            IS_COLOUR => {
+                error.help("save the camera's raw grey values, or give --colour: the channels' mean is taken")
+            }
+            _ => error,
+        })?;
         if let Optics::Setup(setup, _) = optics {
             let (found, expected) =
                 ([image.width_px, image.height_px], [setup.camera.width_px, setup.camera.height_px]);

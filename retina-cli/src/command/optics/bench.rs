@@ -6,7 +6,7 @@ use retina_files::InputError;
 use retina_geometry::Setup;
 use retina_optics::constraints::{BenchLimits, PaperModel};
 use retina_optics::design::{
-    BenchDesign, BenchLenses, Camera, MatchBy, Screen, bench_design, bench_figure, setup_toml,
+    BenchDesign, BenchLenses, Camera, Margins, MatchBy, Screen, bench_design, bench_figure, setup_toml,
 };
 
 use super::constraints::check;
@@ -139,10 +139,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let design = bench_design(&camera, &screen, &lenses, &BenchLimits::PAPER, arguments.match_by.into());
     let mut warnings = Vec::new();
     if !design.margins.all_hold() {
-        warnings.push(
-            "the design exceeds a limit of the bench or the rim of a lens: see the negative margins"
-                .to_owned(),
-        );
+        warnings.push(EXCEEDED.to_owned());
     }
     if design.rows_beyond_screen_px > 0.0 {
         warnings.push(format!(
@@ -163,8 +160,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.output.print("design", &Warned { design: &design, warnings: &warnings }, || {
         vec![
             format!(
-                "M     {:10.4}      rows of the screen seen {:.1}",
-                layout.magnification, design.observed_rows_px
+                "M     {:10.4}      camera and screen matched by {}; rows of the screen seen {:.1}",
+                layout.magnification,
+                design.match_by.words(),
+                design.observed_rows_px
             ),
             format!("s_cam {:10.3} mm", design.pupil_collimator_mm),
             format!(
@@ -183,7 +182,27 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
                 layout.collimator_beam_mm, margins.collimator_vignetting_mm
             ),
         ]
-    })
+    })?;
+    if design.margins.all_hold() { Ok(()) } else { Err(Failure::exceeded(exceeded(&design.margins))) }
+}
+
+/// What is warned of where the design does not fit the bench.
+const EXCEEDED: &str = "a limit of the bench or a lens's rim is exceeded: see the negative margins";
+
+/// Which limits are exceeded, and by how much.
+fn exceeded(margins: &Margins) -> String {
+    let negative: Vec<String> = [
+        ("s_oc", margins.total_length_mm),
+        ("s_or", margins.screen_relay_distance_mm),
+        ("s_rc", margins.inter_lens_distance_mm),
+        ("r_r", margins.relay_vignetting_mm),
+        ("r_c", margins.collimator_vignetting_mm),
+    ]
+    .into_iter()
+    .filter(|(_, margin_mm)| !(*margin_mm >= 0.0))
+    .map(|(name, margin_mm)| format!("{name} by {:.3} mm", -margin_mm))
+    .collect();
+    format!("the design does not fit the bench: {} beyond the limit", negative.join(", "))
 }
 
 /// The document: the design's own keys and what was warned of.

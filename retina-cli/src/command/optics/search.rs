@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use retina_files::InputError;
 use retina_geometry::Setup;
 use retina_optics::constraints::{BenchLimits, PaperModel};
-use retina_optics::design::{BenchLenses, bench_design};
+use retina_optics::design::{BenchLenses, MatchBy, bench_design};
 use retina_optics::search::{
     Configuration, Limit, NearestMiss, Phase, SearchObserver, SearchProgress, SearchReport, SearchRequest,
     SearchedDesign, SearchedLens, pareto_figure, search,
@@ -35,10 +35,10 @@ pub(crate) struct Arguments {
     /// Setup of a configuration to serve. Repeat the flag for more [default: the paper's two].
     #[arg(long, value_name = "FILE")]
     setup: Vec<PathBuf>,
-    /// Extent in which the fields are matched to the screen.
+    /// Extent in which the fields are matched to the screen, by default the height (eq. 13), as in `design` and in setups.
     ///
-    /// Use the diagonal to compare with the reference designs.
-    #[arg(long, value_enum, default_value_t = Matching::Diagonal)]
+    /// The reference designs that ship are matched by the diagonal.
+    #[arg(long, value_enum, default_value_t)]
     match_by: Matching,
     /// Number of doublets of the collimator, 2 or 3.
     #[arg(long, value_name = "N", default_value_t = 3)]
@@ -105,7 +105,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report = report?;
     if report.designs.is_empty() {
         if arguments.output.document.json {
-            arguments.output.print("search", &report, Vec::new)?;
+            let document = Matched { match_by: request.match_by, report: &report };
+            arguments.output.print("search", &document, Vec::new)?;
         }
         return Err(Failure::new(nothing_found(&report)));
     }
@@ -113,7 +114,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = &arguments.out {
         write_design(file, usize::from(arguments.rank), &report, &request)?;
     }
-    arguments.output.print("search", &report, || table(&report))
+    let document = Matched { match_by: request.match_by, report: &report };
+    arguments.output.print("search", &document, || table(&report, &request))
+}
+
+/// The document: the report's own keys and how the magnifications were chosen.
+#[derive(serde::Serialize)]
+struct Matched<'a> {
+    match_by: MatchBy,
+    #[serde(flatten)]
+    report: &'a SearchReport,
 }
 
 /// Why there is no design, and what comes nearest to one.
@@ -210,6 +220,7 @@ fn request(arguments: &Arguments) -> Result<SearchRequest, Failure> {
         relay_lenses: arguments.relay_lenses,
         pupil_collimator_mm,
         configurations,
+        match_by: arguments.match_by.into(),
         bench: BenchLimits { total_length_mm: arguments.max_length_mm, ..BenchLimits::PAPER },
         min_screen_gap_mm: arguments.min_screen_gap_mm,
         min_gap_mm: arguments.min_gap_mm,
@@ -226,12 +237,24 @@ fn request(arguments: &Arguments) -> Result<SearchRequest, Failure> {
 }
 
 /// The ranked table; designs on the pareto front of spot and length bear a star.
-fn table(report: &SearchReport) -> Vec<String> {
+fn table(report: &SearchReport, request: &SearchRequest) -> Vec<String> {
     let front = report.pareto();
-    let mut lines = vec![format!(
-        "s_cam {:.2} mm; spots on the sensor, apertures open; (r) reversed, gaps in mm",
-        report.pupil_collimator_mm
-    )];
+    let magnifications: Vec<String> = request
+        .configurations
+        .iter()
+        .map(|configuration| format!("{} {:.4}", configuration.name, configuration.magnification))
+        .collect();
+    let mut lines = vec![
+        format!(
+            "M, camera and screen matched by {}: {}",
+            request.match_by.words(),
+            magnifications.join(", ")
+        ),
+        format!(
+            "s_cam {:.2} mm; spots on the sensor, apertures open; (r) reversed, gaps in mm",
+            report.pupil_collimator_mm
+        ),
+    ];
     lines.push("      worst um  length mm  lost %  lenses from the camera".to_owned());
     for (i, design) in report.designs.iter().enumerate() {
         let star = if front.contains(&i) { '*' } else { ' ' };
