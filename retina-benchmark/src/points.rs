@@ -10,7 +10,7 @@ use rand_distr::{Distribution as _, StandardNormal};
 use crate::algebra::{beside, rms};
 use crate::forms::{HALF, Nature, Point, distorted, seen};
 
-pub(crate) const ARCSEC: f64 = 1.0 / 206_264.806_247_096_36;
+pub(crate) const ARCSEC: f64 = 1.0 / retina_geometry::ARCSEC_PER_RAD;
 /// The wide configuration: 25 mm, 3.45 um, 2048 x 1536; K_f over 1200 rows.
 const CAMERA_FOCAL_PX: f64 = 25.0 / 0.003_45;
 const CAMERA_PX: DVec2 = DVec2::new(2048.0, 1536.0);

@@ -5,6 +5,7 @@ use glam::DVec2;
 use retina_bench::{Bench, BenchError, Exposure, OpticsDetail, ScreenImage};
 use retina_files::InputError;
 use retina_formats::{Calibration, measured_or_power_law};
+use retina_geometry::ARCSEC_PER_RAD;
 use retina_image::CameraImage;
 use retina_optics::facility::{Kernel, KernelGrid, SpectralLine, airy_kernel};
 use retina_radiometry::{irradiance_of_magnitude_w_m2_nm, magnitude_of_irradiance};
@@ -21,8 +22,6 @@ const APART_PX: f64 = 90.0;
 const SKY_LINES: usize = 12;
 /// Samples a pixel of the camera's own image of a star.
 const PER_PX: usize = 8;
-/// Arcseconds in a radian.
-const ARCSEC: f64 = 206_264.806_247_096_36;
 
 /// An object of the sky.
 #[derive(Debug, Clone, PartialEq)]
@@ -151,7 +150,7 @@ pub fn compare_with_sky(
     };
     let disc = |object: &SkyObject| {
         // A disc's second moment is that of a box sqrt(3)/2 as wide.
-        let wide = 0.75f64.sqrt() * object.diameter_arcsec / ARCSEC * camera.fx_px;
+        let wide = 0.75f64.sqrt() * object.diameter_arcsec / ARCSEC_PER_RAD * camera.fx_px;
         let mut image = star.clone();
         if wide > 0.0 {
             image.spread([wide, wide]);
@@ -170,7 +169,7 @@ pub fn compare_with_sky(
         0.8 * bench.sensor().full_well_e() / options.objects.iter().zip(&discs).map(peak).fold(0.0, f64::max)
     });
     let exposure = Exposure::new(exposure_s, 0);
-    let pixel_arcsec2 = (ARCSEC / camera.fx_px) * (ARCSEC / camera.fy_px);
+    let pixel_arcsec2 = (ARCSEC_PER_RAD / camera.fx_px) * (ARCSEC_PER_RAD / camera.fy_px);
     let background_e = bench.star_e_s(options.background_mag_arcsec2) * pixel_arcsec2 * exposure_s;
 
     let dark = || vec![0f32; size[0] * size[1]];

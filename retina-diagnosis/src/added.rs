@@ -8,12 +8,12 @@ use retina_formats::EffectId;
 
 use crate::catalogue::{Effect, effects};
 use crate::data::Dataset;
-use crate::diagnose::{REFINED, WHOLE_GROUP};
 use crate::effect_file::EffectOfFile;
 use crate::linear::{dot, solve_positive};
 use crate::noise::robust_fit;
 use crate::own::{OwnEffect, evaluate, readable_columns};
 use crate::score::{Frame, Score};
+use crate::search::{REFINED, WHOLE_GROUP};
 use crate::series::outlying;
 
 /// An effect added to the baseline.

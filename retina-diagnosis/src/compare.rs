@@ -3,10 +3,10 @@
 use crate::added::{AddedEffect, adjusted};
 use crate::data::{ARCSEC_PER_RAD, Dataset};
 use crate::decode::{Decoded, decode};
-use crate::diagnose::MOST_ROWS;
 use crate::noise::Weights;
 use crate::score::{Flips, Frame};
 use crate::screens::{columns_of, screen_p_values, screens};
+use crate::search::MOST_ROWS;
 use retina_formats::TableKind;
 
 /// Percentiles that are reported.

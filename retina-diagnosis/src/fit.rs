@@ -6,10 +6,10 @@ use retina_files::InputError;
 
 use crate::added::{AddedEffect, Adjusted, adjusted};
 use crate::data::Dataset;
-use crate::diagnose::MOST_ROWS;
 use crate::estimate::{Parameter, estimate};
 use crate::noise::robust_fit;
 use crate::score::{Flips, Frame};
+use crate::search::MOST_ROWS;
 use crate::step::Step;
 
 /// Effects and baseline fitted to a table.

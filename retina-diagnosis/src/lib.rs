@@ -28,6 +28,7 @@ mod own;
 mod report;
 mod score;
 mod screens;
+mod search;
 mod series;
 mod step;
 mod unexplained;

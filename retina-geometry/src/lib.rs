@@ -11,6 +11,9 @@
 //! - [`WarpMap`]: which source position an output pixel reads, upstream and downstream.
 //! - [`limb_ellipse`]: the outline of a sphere or ellipsoid in a pinhole image.
 
+/// Arcseconds in a radian.
+pub const ARCSEC_PER_RAD: f64 = 206_264.806_247_096_36;
+
 mod bench_setup;
 mod distortion;
 mod inverse;

@@ -5,15 +5,13 @@ use std::path::Path;
 
 use retina_files::{InputError, write_atomic};
 use retina_formats::{PointsTable, csv_text};
-use retina_geometry::Setup;
+use retina_geometry::{ARCSEC_PER_RAD, Setup};
 use serde_json::{Value, json};
 
 use super::calibrate::GeometryCalibration;
 use super::errors::{ErrorSummary, PERCENTILES};
 use super::form::ModelForm;
 use super::physical::PhysicalFit;
-
-const ARCSEC_PER_RAD: f64 = 206_264.806_247_096_36;
 
 fn store(path: &Path, text: &str) -> Result<(), InputError> {
     write_atomic(path, text.as_bytes())

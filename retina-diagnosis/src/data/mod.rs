@@ -14,8 +14,8 @@ use std::sync::{Arc, OnceLock};
 pub(crate) use frames::term as pixel_term;
 pub use frames::{MOST_PIXELS, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels};
 pub(crate) use phase::lambert_magnitude;
-pub(crate) use points::ARCSEC_PER_RAD;
 pub use read::{Baseline, Source};
+pub(crate) use retina_geometry::ARCSEC_PER_RAD;
 
 use retina_formats::{Channel, TableKind};
 

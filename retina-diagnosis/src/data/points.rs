@@ -8,14 +8,13 @@ use retina_files::InputError;
 use retina_formats::{
     Calibration, Channel, PointRow, PointsTable, TableKind, log10_irradiance, measured_or_power_law,
 };
+use retina_geometry::{ARCSEC_PER_RAD, Pinhole};
 
 use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repeated, stated};
 use crate::field::{Held, HeldModel};
 
 use super::places::{Known, true_places_px};
 use super::{Covariate, Dataset, Group, RowFrame, Term};
-
-pub(crate) const ARCSEC_PER_RAD: f64 = 206_264.806_247_096_36;
 
 /// A point of an exposure is there once.
 fn refuse_repeated(table: &PointsTable) -> Result<(), InputError> {
@@ -45,9 +44,8 @@ fn refuse_repeated(table: &PointsTable) -> Result<(), InputError> {
         .help(format!("delete the copies; the first is line {} of {}", before.line, file(before).display())))
 }
 
-pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, InputError> {
-    refuse_repeated(table)?;
-    let mut notes = Vec::new();
+/// Exposures with their rows in the table, saturated ones left out, and the number of those.
+fn exposures(table: &PointsTable) -> (Vec<(String, Vec<usize>)>, usize) {
     let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
     let mut of_image: HashMap<usize, usize> = HashMap::new();
     let mut saturated = 0;
@@ -63,60 +61,62 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
         }
         groups[group].1.push(at);
     }
-    let order: Vec<usize> = groups.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
+    (groups, saturated)
+}
 
-    let (facility, camera) = (source.setup.facility_pinhole(), source.setup.camera_pinhole());
-    // The irradiance that the calibration's D^-1 means is that of its own response.
-    let response = match source.calibration {
-        Some(calibration) => calibration.screen_response(source.setup),
-        None => measured_or_power_law(None, source.setup),
-    };
-    let mut undistorted = Vec::with_capacity(order.len());
-    let mut sights = Vec::with_capacity(order.len());
-    let mut measured = Vec::with_capacity(order.len());
-    let (mut l, mut channel, mut mounting) = (Vec::new(), Vec::new(), Vec::new());
-    let mut mountings: Vec<(usize, Option<f64>)> = Vec::new();
-    let mut screen = Vec::new();
-    for &at in &order {
-        let row = &table.rows[at];
-        channel.push(row.channel);
-        // Below one count the interpolation starts from no light, whose logarithm is none.
-        l.push(log10_irradiance(&response, row.channel, row.digital_count).max(-6.0));
-        undistorted.push(facility.line_of_sight(row.screen_px));
-        sights.push(camera.line_of_sight(row.camera_px));
-        measured.push(row.camera_px);
-        screen.push(row.screen_px);
-        let key = (row.file, row.camera_roll_deg);
-        let known = mountings.iter().position(|m| *m == key);
-        mounting.push(known.unwrap_or(mountings.len()));
-        if known.is_none() {
-            mountings.push(key);
+/// The rows in the data's order: where each was shown and seen, and how bright.
+#[derive(Default)]
+struct Seen {
+    /// Displayed line of sight K_f^-1 R^s.
+    undistorted: Vec<DVec2>,
+    /// Measured line of sight C^-1 R^c.
+    sight: Vec<DVec2>,
+    camera_px: Vec<DVec2>,
+    screen_px: Vec<DVec2>,
+    /// log10 of the irradiance relative to white at full count.
+    l: Vec<f64>,
+    channel: Vec<Channel>,
+    /// Which mounting (file and roll of the camera) each row belongs to, and how many there are.
+    mounting: Vec<usize>,
+    mountings: usize,
+}
+
+impl Seen {
+    fn of(source: &Source<'_>, rows: &[&PointRow]) -> Self {
+        let (facility, camera) = (source.setup.facility_pinhole(), source.setup.camera_pinhole());
+        // The irradiance that the calibration's D^-1 means is that of its own response.
+        let response = match source.calibration {
+            Some(calibration) => calibration.screen_response(source.setup),
+            None => measured_or_power_law(None, source.setup),
+        };
+        let mut out = Self::default();
+        let mut mountings: Vec<(usize, Option<f64>)> = Vec::new();
+        for row in rows {
+            out.channel.push(row.channel);
+            // Below one count the interpolation starts from no light, whose logarithm is none.
+            out.l.push(log10_irradiance(&response, row.channel, row.digital_count).max(-6.0));
+            out.undistorted.push(facility.line_of_sight(row.screen_px));
+            out.sight.push(camera.line_of_sight(row.camera_px));
+            out.camera_px.push(row.camera_px);
+            out.screen_px.push(row.screen_px);
+            let key = (row.file, row.camera_roll_deg);
+            let known = mountings.iter().position(|m| *m == key);
+            out.mounting.push(known.unwrap_or(mountings.len()));
+            if known.is_none() {
+                mountings.push(key);
+            }
         }
+        out.mountings = mountings.len();
+        out
     }
-    if undistorted.is_empty() {
-        return Err(InputError::new(first_file(&table.files), "holds no usable points")
-            .found(format!("{saturated} saturated rows")));
-    }
-    let predicted: Vec<DVec2> = match source.calibration {
-        None => undistorted.clone(),
-        Some(calibration) => fixed(calibration, &undistorted, &l).map_err(|problem| {
-            InputError::new(&calibration.file, problem).help("is it this facility's calibration?")
-        })?,
-    };
-    let held = source.calibration.map(|calibration| HeldModel::new(calibration, predicted.clone(), &l));
-    if held.as_ref().is_some_and(|held| !held.has_covariance()) {
-        notes.push(
-            "the calibration states no covariance: its error is told from these data alone, as a smooth field"
-                .to_owned(),
-        );
-    }
-    let roll_rad = rolls(&predicted, &sights, &mounting, mountings.len());
-    let half_tan = 0.5 * f64::from(camera.width_px) / camera.fx_px;
-    let mut y = Vec::with_capacity(2 * order.len());
-    let mut frame = Vec::with_capacity(order.len());
-    for i in 0..order.len() {
-        let facility_from_camera = DMat2::from_angle(roll_rad[mounting[i]]);
-        let off = (facility_from_camera * sights[i] - predicted[i]) * ARCSEC_PER_RAD;
+}
+
+/// Errors in the facility's frame, arcsec, and how each goes back to camera pixels.
+fn errors(seen: &Seen, predicted: &[DVec2], roll_rad: &[f64], camera: &Pinhole) -> (Vec<f64>, Vec<RowFrame>) {
+    let (mut y, mut frame) = (Vec::with_capacity(2 * predicted.len()), Vec::with_capacity(predicted.len()));
+    for (i, predicted) in predicted.iter().enumerate() {
+        let facility_from_camera = DMat2::from_angle(roll_rad[seen.mounting[i]]);
+        let off = (facility_from_camera * seen.sight[i] - *predicted) * ARCSEC_PER_RAD;
         y.extend([off.x, off.y]);
         let back = facility_from_camera.transpose();
         let px = |row: usize, column: usize| {
@@ -124,11 +124,64 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
             back.col(column)[row] * focal / ARCSEC_PER_RAD
         };
         frame.push(RowFrame {
-            measured: measured[i].to_array(),
+            measured: seen.camera_px[i].to_array(),
             to_table: [[px(0, 0), px(0, 1)], [px(1, 0), px(1, 1)]],
         });
     }
+    (y, frame)
+}
 
+/// Covariates that are made of places, light and channel. `known` are the rows as the model knows them.
+fn made_covariates(seen: &Seen, known: &[Known]) -> Vec<Covariate> {
+    let spots_px = true_places_px(known, &seen.camera_px);
+    let phase = |px: &[DVec2], axis: usize| px.iter().map(|c| c[axis].rem_euclid(1.0)).collect();
+    let mut out = Vec::new();
+    let mut add = |name: &str, values: Vec<f64>| out.push(Covariate { name: name.to_owned(), values });
+    add("x", known.iter().map(|k| k.x).collect());
+    add("y", known.iter().map(|k| k.y).collect());
+    add("r", known.iter().map(|k| k.x.hypot(k.y)).collect());
+    add("log10_irradiance", seen.l.clone());
+    add("camera_phase_x", phase(&spots_px, 0));
+    add("camera_phase_y", phase(&spots_px, 1));
+    // The bench has a continuous range of phases or a single one.
+    add("screen_phase_x", phase(&seen.screen_px, 0));
+    add("screen_phase_y", phase(&seen.screen_px, 1));
+    if seen.channel.iter().any(|c| *c != seen.channel[0]) {
+        for (colour, name) in Channel::COLOURS.into_iter().zip(["channel_r", "channel_g", "channel_b"]) {
+            add(name, seen.channel.iter().map(|c| f64::from(u8::from(*c == colour))).collect());
+        }
+    }
+    out
+}
+
+pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, InputError> {
+    refuse_repeated(table)?;
+    let mut notes = Vec::new();
+    let (groups, saturated) = exposures(table);
+    let order: Vec<usize> = groups.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
+    if order.is_empty() {
+        return Err(InputError::new(first_file(&table.files), "holds no usable points")
+            .found(format!("{saturated} saturated rows")));
+    }
+    let rows: Vec<&PointRow> = order.iter().map(|&at| &table.rows[at]).collect();
+    let (facility, camera) = (source.setup.facility_pinhole(), source.setup.camera_pinhole());
+    let seen = Seen::of(source, &rows);
+    let predicted: Vec<DVec2> = match source.calibration {
+        None => seen.undistorted.clone(),
+        Some(calibration) => fixed(calibration, &seen.undistorted, &seen.l).map_err(|problem| {
+            InputError::new(&calibration.file, problem).help("is it this facility's calibration?")
+        })?,
+    };
+    let held = source.calibration.map(|calibration| HeldModel::new(calibration, predicted.clone(), &seen.l));
+    if held.as_ref().is_some_and(|held| !held.has_covariance()) {
+        notes.push(
+            "the calibration states no covariance: these data alone tell its error, as a smooth field"
+                .to_owned(),
+        );
+    }
+    let roll_rad = rolls(&predicted, &seen.sight, &seen.mounting, seen.mountings);
+    let half_tan = 0.5 * f64::from(camera.width_px) / camera.fx_px;
+    let (y, frame) = errors(&seen, &predicted, &roll_rad, &camera);
     let row = |at: usize| &table.rows[at];
     let mut all = covariates(
         &table.files,
@@ -144,56 +197,30 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
         &table.extra,
         &mut notes,
     )?;
-    let position: Vec<DVec2> = undistorted.iter().map(|u| *u / half_tan).collect();
-    let known: Vec<Known> = groups
-        .iter()
-        .enumerate()
-        .flat_map(|(group, (_, rows))| std::iter::repeat_n(group, rows.len()))
+    let of_group =
+        groups.iter().enumerate().flat_map(|(group, (_, rows))| std::iter::repeat_n(group, rows.len()));
+    let known: Vec<Known> = of_group
         .enumerate()
         .map(|(i, group)| {
-            let camera_from_facility = DMat2::from_angle(-roll_rad[mounting[i]]);
+            let camera_from_facility = DMat2::from_angle(-roll_rad[seen.mounting[i]]);
+            let position = seen.undistorted[i] / half_tan;
             Known {
                 predicted_px: camera.pixel(camera_from_facility * predicted[i]),
-                x: position[i].x,
-                y: position[i].y,
-                l: l[i],
-                channel: channel[i],
-                mounting: mounting[i],
+                x: position.x,
+                y: position.y,
+                l: seen.l[i],
+                channel: seen.channel[i],
+                mounting: seen.mounting[i],
                 group,
             }
         })
         .collect();
-    let spots_px = true_places_px(&known, &measured);
-    let mut add = |name: &str, values: Vec<f64>| all.push(Covariate { name: name.to_owned(), values });
-    add("x", position.iter().map(|p| p.x).collect());
-    add("y", position.iter().map(|p| p.y).collect());
-    add("r", position.iter().map(|p| p.length()).collect());
-    add("log10_irradiance", l.clone());
-    add("camera_phase_x", spots_px.iter().map(|c| c.x.rem_euclid(1.0)).collect());
-    add("camera_phase_y", spots_px.iter().map(|c| c.y.rem_euclid(1.0)).collect());
-    // The bench has a continuous range of phases or a single one.
-    add("screen_phase_x", screen.iter().map(|c| c.x.rem_euclid(1.0)).collect());
-    add("screen_phase_y", screen.iter().map(|c| c.y.rem_euclid(1.0)).collect());
-    if channel.iter().any(|c| *c != channel[0]) {
-        for (colour, name) in Channel::COLOURS.into_iter().zip(["channel_r", "channel_g", "channel_b"]) {
-            add(name, channel.iter().map(|c| f64::from(u8::from(*c == colour))).collect());
-        }
-    }
-    let rows: Vec<&PointRow> = order.iter().map(|&at| &table.rows[at]).collect();
-    let noise_key = noise_key(&rows, &l, &mut notes);
-    let mut start = 0;
-    let groups = groups
-        .into_iter()
-        .map(|(name, rows)| {
-            start += rows.len();
-            Group { name, rows: start - rows.len()..start }
-        })
-        .collect();
-    let baseline = if source.calibration.is_some() { Baseline::Similarity } else { source.baseline };
+    all.extend(made_covariates(&seen, &known));
+    let noise_key = noise_key(&rows, &seen.l, &mut notes);
     Ok(Dataset {
         kind: TableKind::Points,
         y,
-        groups,
+        groups: Group::in_order(groups.into_iter().map(|(name, rows)| (name, rows.len()))),
         order,
         table_rows: table.rows.len(),
         in_part: false,
@@ -201,13 +228,13 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
         covariates: all,
         noise_key,
         jitters: true,
-        channel,
-        mounting,
+        channel: seen.channel,
+        mounting: seen.mounting,
         roll_rad,
         half_tan,
         screen_pixel_arcsec: ARCSEC_PER_RAD / facility.fx_px,
         frame,
-        baseline,
+        baseline: if source.calibration.is_some() { Baseline::Similarity } else { source.baseline },
         held: held.map(Held::Geometry),
         field: OnceLock::new(),
         pixels: None,

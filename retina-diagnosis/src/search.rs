@@ -1,0 +1,324 @@
+//! The search of the diagnosis: effects are accepted one after the other, each by sign-flips of whole groups, and judged
+//! beside those accepted before.
+
+use rayon::prelude::*;
+use retina_formats::{EffectId, PowerEffect};
+
+use crate::added::AddedEffect;
+use crate::catalogue::{Effect, Variant, effects};
+use crate::data::Dataset;
+use crate::diagnose::NotTestable;
+use crate::estimate::is_implausible;
+use crate::score::{Flips, Frame, HeldOut, Score, p_values};
+use crate::series::{Outlying, outlying};
+
+/// Level of the first test over all effects, and over all screens: together below 5 %.
+pub(crate) const LEVEL_FIRST: [f64; 2] = [0.02, 0.01];
+/// Level of later ones.
+pub(crate) const LEVEL_LATER: [f64; 2] = [0.01, 0.005];
+/// A competitor stays in the set while the best effect adds nothing to it at this level.
+const LEVEL_SET: f64 = 0.02;
+/// Standard errors by which the error on groups left out may rise with an effect. An effect that shows in one group alone
+/// cannot lower it: the other groups know nothing of it.
+const WORSE: f64 = 1.5;
+/// Level below which one may be named in place of a significant one that it clearly beats on groups left out.
+const LEVEL_RIVAL: f64 = 0.1;
+/// Standard errors of the held-out error by which a form has to be better with its further columns.
+pub(crate) const REFINED: f64 = 1.0;
+/// Standard errors by which a rival of the same class is worse when it is left out of the set.
+const CLEARLY_WORSE: f64 = 2.5;
+/// An effect or structure weaker than this, rms over noise, is not reported.
+const FLOOR_NOISE: f64 = 0.025;
+/// Nor is one weaker than this part of what was accepted: forms are leading ones.
+const FLOOR_ACCEPTED: f64 = 0.05;
+/// Rows that are searched and screened: their columns take about half a gigabyte.
+pub(crate) const MOST_ROWS: usize = 50_000;
+/// The effect that is a whole group's own, and the level of its test; its forms are in the groups' order.
+pub(crate) const WHOLE_GROUP: EffectId = EffectId::Power(PowerEffect::AttenuatorNotChanged);
+const LEVEL_GROUP: f64 = 0.005;
+/// A label that is wrong is a factor of 2 and more; a tenth of that may be a series' own error.
+const FLOOR_GROUP: f64 = 0.1;
+/// More shapes than this are a search.
+const SEARCHED: usize = 12;
+
+/// An effect with its forms' columns.
+pub(crate) struct Prepared<'a> {
+    pub(crate) effect: &'static Effect,
+    pub(crate) variants: Vec<Variant<'a>>,
+    pub(crate) columns: Vec<Vec<Vec<f64>>>,
+}
+
+impl Prepared<'_> {
+    /// Leading and further columns of a form.
+    pub(crate) fn whole(&self, data: &Dataset, variant: usize) -> Vec<Vec<f64>> {
+        let mut out = self.columns[variant].clone();
+        out.extend(self.variants[variant].further.iter().map(|term| data.column(term)));
+        out
+    }
+}
+
+pub(crate) struct Ranked {
+    pub(crate) index: usize,
+    pub(crate) variant: usize,
+    pub(crate) p_value: f64,
+    pub(crate) strength: f64,
+    pub(crate) held_out: HeldOut,
+    pub(crate) refined: bool,
+    /// Columns of the form, and one more where it was searched for among many.
+    pub(crate) columns: usize,
+    /// An amplitude is beyond what is plausible.
+    pub(crate) implausible: bool,
+}
+
+/// What was accepted so far.
+pub(crate) struct Search<'a> {
+    data: &'a Dataset,
+    prepared: &'a [Prepared<'a>],
+    flips: &'a Flips,
+    /// Strength of what was found before the search, rms over noise.
+    before: Option<f64>,
+    /// Strength of what was found, rms over noise.
+    strength: f64,
+    excluded: Vec<bool>,
+    /// Columns of the baseline and of the accepted effects.
+    pub(crate) base: Vec<Vec<f64>>,
+    /// Accepted effects: number and form.
+    pub(crate) accepted: Vec<(usize, usize)>,
+    /// For each of them, those that these data cannot tell from it.
+    pub(crate) sets: Vec<Vec<usize>>,
+    /// All candidates beside the baseline.
+    pub(crate) first_ranking: Option<Vec<Ranked>>,
+    /// The effect that is one group's own, with that group.
+    pub(crate) group: Option<(usize, Outlying)>,
+}
+
+impl<'a> Search<'a> {
+    pub(crate) fn new(
+        data: &'a Dataset,
+        prepared: &'a [Prepared<'a>],
+        flips: &'a Flips,
+        base: Vec<Vec<f64>>,
+        before: Option<f64>,
+    ) -> Self {
+        Self {
+            data,
+            prepared,
+            flips,
+            before,
+            strength: before.unwrap_or(0.0),
+            excluded: vec![false; prepared.len()],
+            base,
+            accepted: Vec::new(),
+            sets: Vec::new(),
+            first_ranking: None,
+            group: None,
+        }
+    }
+
+    /// The level of the first effect, or of later ones.
+    pub(crate) fn level(&self, first: f64, later: f64) -> f64 {
+        if self.accepted.is_empty() && self.before.is_none() { first } else { later }
+    }
+
+    /// What is weaker is not reported, rms over noise.
+    pub(crate) fn floor(&self) -> f64 {
+        FLOOR_NOISE.max(FLOOR_ACCEPTED * self.strength)
+    }
+
+    fn accept(&mut self, index: usize, variant: usize, set: Vec<usize>) {
+        self.base.extend(self.prepared[index].whole(self.data, variant));
+        self.accepted.push((index, variant));
+        self.excluded[index] = true;
+        for &member in &set {
+            self.excluded[member] = true;
+        }
+        self.sets.push(set);
+    }
+
+    /// Tests whether one group is off as a whole, and says so.
+    pub(crate) fn whole_group(&mut self) -> Option<String> {
+        let (index, found) = whole_group(self.data, &self.base, self.prepared)?;
+        self.excluded[index] = true;
+        let (group, offset, p_value) = (found.group, found.offset, found.p_value);
+        self.group = Some((index, found));
+        if p_value > LEVEL_GROUP || offset.abs() < FLOOR_GROUP {
+            return None;
+        }
+        self.accept(index, group, vec![index]);
+        Some(format!(
+            "series `{}` is off by a factor of {:.3} (Grubbs' test of the series' levels). No other series knows that factor, so that accepting it does not lower the error on series left out",
+            self.data.groups[group].name,
+            1.0 + offset
+        ))
+    }
+
+    /// Accepts the best effect that is left; false where none is significant.
+    pub(crate) fn step(&mut self) -> bool {
+        let level = self.level(LEVEL_FIRST[0], LEVEL_LATER[0]);
+        let (data, prepared) = (self.data, self.prepared);
+        let frame = Frame::fitted(data, &self.base);
+        let ranking = rank(&frame, prepared, &self.excluded, self.flips);
+        // An unexplained effect that groups have in common is taken for jitter at first, and looks weak beside it.
+        let Some(best) = pick(&ranking, level, 0.0, &frame.held_out(&[])) else {
+            self.first_ranking.get_or_insert(ranking);
+            return false;
+        };
+        // Noise and jitter once more, without what the best effect explains.
+        let mut with_best = self.base.clone();
+        with_best.extend(prepared[best.index].whole(data, best.variant));
+        let weights = Frame::fitted(data, &with_best).weights;
+        let frame = Frame::weighted(data, &self.base, weights);
+        let ranking = rank(&frame, prepared, &self.excluded, self.flips);
+        let Some(best) = pick(&ranking, level, self.floor(), &frame.held_out(&[])) else {
+            self.first_ranking.get_or_insert(ranking);
+            return false;
+        };
+        let (index, variant) = (best.index, best.variant);
+        let set = confusable(&frame, prepared, &ranking, best, level, self.flips);
+        self.strength = f64::hypot(self.strength, best.strength);
+        self.first_ranking.get_or_insert(ranking);
+        self.accept(index, variant, set);
+        true
+    }
+}
+
+/// Effects of the table with their columns, and those it cannot show.
+pub(crate) fn prepare<'a>(data: &'a Dataset, added: &[AddedEffect]) -> (Vec<Prepared<'a>>, Vec<NotTestable>) {
+    let (mut prepared, mut not) = (Vec::new(), Vec::new());
+    for effect in effects(Some(data.kind)) {
+        if added.iter().any(|a| matches!(a, AddedEffect::Catalogued(e) if e.id == effect.id)) {
+            continue;
+        }
+        match effect.build(data) {
+            Ok(variants) => {
+                let columns: Vec<Vec<Vec<f64>>> = variants
+                    .par_iter()
+                    .map(|variant| variant.leading.iter().map(|term| data.column(term)).collect())
+                    .collect();
+                prepared.push(Prepared { effect, variants, columns });
+            }
+            Err(reason) => not.push(NotTestable { effect: effect.name(), reason }),
+        }
+    }
+    (prepared, not)
+}
+
+/// The effect whose forms are one group each, with the group whose level is most off.
+fn whole_group(data: &Dataset, base: &[Vec<f64>], prepared: &[Prepared<'_>]) -> Option<(usize, Outlying)> {
+    let index = prepared.iter().position(|p| p.effect.id == WHOLE_GROUP)?;
+    let error = crate::noise::robust_fit(data, base).residual;
+    Some((index, outlying(data, &error)?))
+}
+
+/// All candidates with p-values and held-out errors, best first.
+fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: &Flips) -> Vec<Ranked> {
+    let open: Vec<usize> = (0..prepared.len()).filter(|&i| !excluded[i]).collect();
+    let forms: Vec<&Vec<Vec<f64>>> = open.iter().flat_map(|&i| &prepared[i].columns).collect();
+    let mut all = frame.scores(&forms).into_iter();
+    let scores: Vec<Vec<Score>> =
+        open.iter().map(|&i| all.by_ref().take(prepared[i].columns.len()).collect()).collect();
+    let borrowed: Vec<Vec<&Score>> = scores.iter().map(|variants| variants.iter().collect()).collect();
+    let p = p_values(&borrowed, flips);
+    let mut out: Vec<Ranked> = open
+        .par_iter()
+        .zip(&scores)
+        .zip(&p)
+        .filter_map(|((&index, scores), &p_value)| {
+            let (variant, score) =
+                scores.iter().enumerate().max_by(|a, b| a.1.deviate().total_cmp(&b.1.deviate()))?;
+            let leading = frame.held_out(&prepared[index].columns[variant]);
+            let mut better = false;
+            let mut held_out = leading;
+            if !prepared[index].variants[variant].further.is_empty() {
+                let refined = frame.held_out(&prepared[index].whole(frame.data, variant));
+                better = held_out.beaten_by(&refined) > REFINED;
+                if better {
+                    held_out = refined;
+                }
+            }
+            let strength = score.strength(frame.components());
+            let form = &prepared[index].variants[variant];
+            let columns = form.leading.len()
+                + if better { form.further.len() } else { 0 }
+                + usize::from(prepared[index].variants.len() > SEARCHED);
+            let implausible = beyond(frame, form, &prepared[index].columns[variant]);
+            Some(Ranked {
+                index,
+                variant,
+                p_value,
+                strength,
+                held_out,
+                refined: better,
+                columns,
+                implausible,
+            })
+        })
+        .collect();
+    out.sort_by(|a, b| a.held_out.total().total_cmp(&b.held_out.total()));
+    out
+}
+
+/// The one that is worth its name, with the fewest columns of those whose held-out error is within a standard error of
+/// the least (L. Breiman et al., Classification and Regression Trees, 1984, sec. 3.4.3). One that makes the held-out
+/// error clearly larger than `before` is none. That there is something is for the significant ones to say; which one it is may
+/// be one whose p-value few groups keep large, if it is clearly better on groups left out. One whose amplitude cannot be
+/// comes after all of equal merit.
+fn pick<'r>(ranking: &'r [Ranked], level: f64, floor: f64, before: &HeldOut) -> Option<&'r Ranked> {
+    let better = |r: &&Ranked| r.strength >= floor && r.held_out.beaten_by(before) <= WORSE;
+    let significant = || ranking.iter().filter(|r| r.p_value <= level).filter(better);
+    let least = significant().next()?;
+    let rival = ranking.iter().filter(|r| r.p_value <= LEVEL_RIVAL && !r.implausible).find(better);
+    if let Some(rival) = rival
+        && least.held_out.beaten_by(&rival.held_out) > CLEARLY_WORSE
+    {
+        return Some(rival);
+    }
+    significant()
+        .filter(|r| r.held_out.beaten_by(&least.held_out) <= 1.0)
+        .min_by_key(|r| (r.implausible, r.columns))
+}
+
+/// Whether a form would need an amplitude beyond what is plausible.
+fn beyond(frame: &Frame<'_>, form: &Variant<'_>, columns: &[Vec<f64>]) -> bool {
+    if form.leading.iter().all(|term| term.plausible.is_none()) {
+        return false;
+    }
+    let parameters = frame.amplitudes(columns);
+    form.leading.iter().zip(parameters).any(|(term, (value, sigma))| {
+        term.plausible.is_some_and(|range| is_implausible(value, Some(sigma), range))
+    })
+}
+
+/// Candidates beside which the best effect adds nothing: their forms are taken whole, so that a leading form's own
+/// mismatch does not count against them.
+fn confusable(
+    frame: &Frame<'_>,
+    prepared: &[Prepared<'_>],
+    ranking: &[Ranked],
+    best: &Ranked,
+    level: f64,
+    flips: &Flips,
+) -> Vec<usize> {
+    let mut out = vec![best.index];
+    // A form searched over many shapes can be as near to a simple one as its shapes are dense: it has to do better.
+    let searched = |r: &Ranked| {
+        prepared[r.index].variants.len() > SEARCHED && r.held_out.total() >= best.held_out.total()
+    };
+    let rivals: Vec<&Ranked> =
+        ranking.iter().filter(|r| r.index != best.index && r.p_value <= level && !searched(r)).collect();
+    let kept: Vec<bool> = rivals
+        .par_iter()
+        .map(|rival| {
+            let beside = frame.with(&prepared[rival.index].whole(frame.data, rival.variant));
+            let score = beside.score(&prepared[best.index].columns[best.variant]);
+            // Of what one ordinary campaign cannot separate it has to be clearly worse.
+            let class = prepared[best.index].effect.class.contains(&prepared[rival.index].effect.id);
+            (class && rival.held_out.beaten_by(&best.held_out) <= CLEARLY_WORSE)
+                || score.rank() == 0
+                || score.strength(beside.components()) < FLOOR_ACCEPTED * best.strength
+                || p_values(&[vec![&score]], flips)[0] > LEVEL_SET
+        })
+        .collect();
+    out.extend(rivals.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(rival, _)| rival.index));
+    out
+}
