@@ -105,6 +105,8 @@ fn with_file(name: &str, bytes: &[u8], read: impl FnOnce(&Path)) {
     let path = folder().join(format!("{thread}-{name}"));
     std::fs::write(&path, bytes).expect("the temporary folder can be written");
     read(&path);
+    // A file that is gone before the system writes it out costs no disk.
+    let _ = std::fs::remove_file(&path);
 }
 
 fn the_setup() -> &'static Setup {
