@@ -112,11 +112,16 @@ fn values_that_do_not_fit_the_scene() {
         &["calibration.toml", "key `setup`", "`large`"],
     );
     // A distortion beyond measure, which does not fold: the images it asks for would have no end.
-    for term in ["[3, 0, 1e7, 0.0]", "[1, 0, 1e20, 0.0]", "[0, 0, 1e12, 0.0]", "[0, 1, 1e20, 0.0]"] {
+    for (from, to) in [
+        ("[3, 0, 12.0, 0.0]", "[3, 0, 1e7, 0.0]"),
+        ("[1, 0, 1.0, 0.0]", "[1, 0, 1e20, 0.0]"),
+        ("[1, 0, 1.0, 0.0]", "[0, 0, 1e12, 0.0], [1, 0, 1.0, 0.0]"),
+        ("[0, 1, 0.0, 1.0]", "[0, 1, 1e20, 1.0]"),
+    ] {
         edited(
             "calibration.toml",
-            "[3, 0, 12.0, 0.0],",
-            &format!("[3, 0, 12.0, 0.0], {term},"),
+            from,
+            to,
             &["calibration.toml", "key `distortion.terms`", "the distortion "],
         );
     }

@@ -175,15 +175,17 @@ fn one_reader() {
     let kept = PathBuf::from(std::env::var_os("RETINA_FINDINGS").unwrap());
     let reader = READERS.iter().find(|(known, _)| *known == name).unwrap().1;
     let files = corpus(&name);
-    let current = kept.join(format!("{name}-current"));
     let mut faults = 0;
     let mut run = |label: String, bytes: &[u8]| {
         // Whatever ends the process, this was the input.
-        fs::write(&current, bytes).unwrap();
-        if let Some(fault) = fault(reader, bytes) {
-            faults += 1;
-            println!("{name} {label}: {fault}");
-            fs::write(kept.join(format!("{name}-{label}")), bytes).unwrap();
+        let input = kept.join(format!("{name}-{label}"));
+        fs::write(&input, bytes).unwrap();
+        match fault(reader, bytes) {
+            None => fs::remove_file(&input).unwrap(),
+            Some(fault) => {
+                faults += 1;
+                println!("{name} {label}: {fault}");
+            }
         }
     };
     files.iter().for_each(|(file, bytes)| run(file.clone(), bytes));
@@ -195,7 +197,6 @@ fn one_reader() {
         (0..=random.below(4)).for_each(|_| change(&mut bytes, &files, &mut random));
         run(format!("{seed}-{number}"), &bytes);
     }
-    fs::remove_file(&current).unwrap();
     readers::clean_up();
     assert_eq!(faults, 0, "of {name}; see above");
 }
