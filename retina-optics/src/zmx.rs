@@ -12,6 +12,9 @@ use crate::paraxial::efl_of_mm;
 use crate::system::{Aiming, Aperture, Beam, Field, Object, OpticalSystem, Shape, Surface, Wavelength};
 use crate::text::number;
 
+/// Most fields of a system (the program has 12, and 200 in newer editions) and most wavelengths (24).
+const MOST_FIELDS: f64 = 1000.0;
+const MOST_WAVES: f64 = 100.0;
 /// Keywords without influence on the geometric trace as it is done here: identification, editor and
 /// drawing, polarisation, coatings, scatter and physical optics, defaults for non-sequential objects,
 /// tolerances, merit function, and the catalogue list (glasses are matched by name).
@@ -188,8 +191,17 @@ fn header_line(header: &mut Header, line: &Line<'_>) -> Result<(), InputError> {
                 return Err(line.error("asks for telecentric object space, which is not supported"));
             }
             if line.words.len() > 3 {
-                header.field_count = line.value(2)? as usize;
-                header.wave_count = line.value(3)? as usize;
+                for (at, most, count) in
+                    [(2, MOST_FIELDS, &mut header.field_count), (3, MOST_WAVES, &mut header.wave_count)]
+                {
+                    let value = line.value(at)?;
+                    if !(0.0..=most).contains(&value) {
+                        return Err(line
+                            .error("states a number of fields or wavelengths that no system has")
+                            .expected(format!("0 to {most}")));
+                    }
+                    *count = value as usize;
+                }
             }
         }
         "XFLN" | "XFLD" => header.x = line.values()?,

@@ -169,6 +169,12 @@ fn zmx_that_is_not_understood_is_refused_by_name_and_line() {
         ("GFAC 0 0", "XYZZ 0 0", "line 7: XYZZ is not understood"),
         ("DISZ 6.00755", "DISZ -6.00755", "surface 2: a negative gap"),
         ("FTYP 0", "FTYP 3", "fields of this type"),
+        (
+            "FTYP 0 0 3 3",
+            "FTYP 0 0 1e308 3",
+            "FTYP states a number of fields or wavelengths that no system has",
+        ),
+        ("FTYP 0 0 3 3", "FTYP 0 0 3 1e20", "(found FTYP 0 0 3 1e20 0 0 0, expected 0 to 100)"),
         ("ENVD 2.0E+1", "ENVD 3.0E+1", "ENVD is not 20 degC"),
         ("  DISZ 0.99997", "  PARM 1 0.5\n  DISZ 0.99997", "a STANDARD surface has no parameters"),
     ];

@@ -178,7 +178,7 @@ fn check_units(file: &Path, covariates: &[Covariate]) -> Result<(), InputError> 
                 .help(help))
         };
         match covariate.name.as_str() {
-            "temperature_c" if low > 150.0 || low < -273.15 || high > 1000.0 => {
+            "temperature_c" if !(-273.15..=150.0).contains(&low) || high > 1000.0 => {
                 return wrong("is no temperature of a laboratory in Celsius", "kelvin? subtract 273.15");
             }
             "time_s" if covariate.varies() && (high - low).abs() < 1e-2 => {

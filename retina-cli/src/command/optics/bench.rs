@@ -199,7 +199,7 @@ fn exceeded(margins: &Margins) -> String {
         ("r_c", margins.collimator_vignetting_mm),
     ]
     .into_iter()
-    .filter(|(_, margin_mm)| !(*margin_mm >= 0.0))
+    .filter(|(_, margin_mm)| margin_mm.is_nan() || *margin_mm < 0.0)
     .map(|(name, margin_mm)| format!("{name} by {:.3} mm", -margin_mm))
     .collect();
     format!("the design does not fit the bench: {} beyond the limit", negative.join(", "))
