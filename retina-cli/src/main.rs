@@ -53,7 +53,7 @@ enum Command {
     Sheet(command::sheet::Arguments),
     /// Designs and analyses lens systems: constraints, spots, wavefronts, tolerances, drawings.
     #[command(subcommand)]
-    Optics(command::optics::Command),
+    Optics(Box<command::optics::Command>),
     /// Runs measurement campaigns on the virtual bench.
     #[command(subcommand)]
     Simulate(command::simulate::Command),

@@ -151,7 +151,7 @@ fn response_of(path: &Path, setup: &Setup) -> Result<RadiometricCalibration, Inp
 
 /// What a command works on: pixels with their frames, or a table.
 pub(crate) enum Material {
-    Frames(Box<FrameSet>, Dataset),
+    Frames(Box<FrameSet>, Box<Dataset>),
     Table(Box<TableMaterial>),
 }
 
@@ -170,7 +170,7 @@ impl Material {
             no_repeats(effects)?;
             let (data, added) = set.with_effects(effects)?;
             retina_diagnosis::check_effects(&data, &added)?;
-            return Ok((Self::Frames(Box::new(set), data), added));
+            return Ok((Self::Frames(Box::new(set), Box::new(data)), added));
         }
         let material = input.read()?;
         let added = added(effects, &material.data)?;

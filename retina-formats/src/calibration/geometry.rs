@@ -99,8 +99,7 @@ fn distortion(path: &Path, record: &DistortionRecord, setup: &Setup) -> Result<D
     for corner in [DVec2::ZERO, DVec2::new(width, 0.0), DVec2::new(0.0, height), DVec2::new(width, height)] {
         let sight = screen.line_of_sight(corner);
         let shift = (distortion.distort(sight) - sight).length();
-        // Not `>`: a shift that is no number is refused, too.
-        if !(shift <= MOST_SHIFT) {
+        if shift.is_nan() || shift > MOST_SHIFT {
             return Err(InputError::new(path, "D moves lines of sight beyond anything that lenses do")
                 .at("key `distortion.terms`")
                 .found(format!("a shift of {shift:.3e} (tangent) at the screen's corner"))
@@ -157,7 +156,7 @@ fn check_provenance(path: &Path, file: &CalibrationFile, setup: &Setup) -> Resul
             .help("calibrate again, or delete the table [provenance] of a file written by hand"));
         };
         // Digits are lost where a file is written by hand; a millionth of a pixel focal length is none.
-        if found.iter().zip(&expected).any(|(a, b)| !((a - b).abs() <= 1e-6 * b.abs().max(1.0))) {
+        if found.iter().zip(&expected).any(|(a, b)| a.is_nan() || (a - b).abs() > 1e-6 * b.abs().max(1.0)) {
             return Err(InputError::new(path, format!("the calibration was made with another {what}"))
                 .at(format!("key `provenance.{key}`"))
                 .found(format!("{found:?}"))
