@@ -13,9 +13,7 @@ pub struct LunarLambert {
 }
 
 impl Definition for LunarLambert {
-    const KEYS: &'static [Key] = &[
-        Key::or("decay_deg", "decay angle", [0.1, 1e6], 60.0)
-    ];
+    const KEYS: &'static [Key] = &[Key::or("decay_deg", "decay angle", [0.1, 1e6], 60.0)];
 
     fn from_values(values: &[f64]) -> Self {
         Self { decay_rad: values[0].to_radians() }

@@ -14,9 +14,7 @@ pub struct Minnaert {
 }
 
 impl Definition for Minnaert {
-    const KEYS: &'static [Key] = &[
-        Key::required("k", "exponent", [0.0, 2.0])
-    ];
+    const KEYS: &'static [Key] = &[Key::required("k", "exponent", [0.0, 2.0])];
 
     fn from_values(values: &[f64]) -> Self {
         Self { k: values[0] }

@@ -22,9 +22,8 @@ impl OrenNayar {
 }
 
 impl Definition for OrenNayar {
-    const KEYS: &'static [Key] = &[
-        Key::required("roughness_deg", "standard deviation of the slopes", [0.0, 90.0])
-    ];
+    const KEYS: &'static [Key] =
+        &[Key::required("roughness_deg", "standard deviation of the slopes", [0.0, 90.0])];
 
     fn from_values(values: &[f64]) -> Self {
         Self { roughness_rad: values[0].to_radians() }
