@@ -1,4 +1,9 @@
 //! The WGSL modules, put together from their shared parts. Each function returns the source of one stage.
+//!
+//! The photometric laws and phase functions are retina-radiometry's: their sources are put in, and the two functions
+//! that choose among them are generated from its registers.
+
+use retina_radiometry::{Law, PhaseFunction, Registered};
 
 const TYPES: &str = include_str!("shared/types.wgsl");
 const CAMERA: &str = include_str!("shared/camera.wgsl");
@@ -20,7 +25,33 @@ pub fn visibility() -> String {
 }
 
 fn shading(stage: &str) -> String {
-    module(&[TYPES, CAMERA, INTERSECT, PHOTOMETRY, TEXTURE, SURFACE, OUTPUT, stage])
+    let laws = chooser::<Law>("law_value", "law", &["mu0", "mu", "phase", "cos_phase"]);
+    let phase_functions = chooser::<PhaseFunction>("phase_value", "phase_law", &["phase", "cos_phase"]);
+    let photometry = [PHOTOMETRY, &laws, &phase_functions].concat();
+    module(&[TYPES, CAMERA, INTERSECT, &photometry, TEXTURE, SURFACE, OUTPUT, stage])
+}
+
+/// The WGSL of every kind in a register, and a function that calls the one that `field` of the body numbers.
+fn chooser<T: Registered>(function: &str, field: &str, arguments: &[&str]) -> String {
+    let sources: String = T::ALL.iter().map(|kind| format!("\n{}", kind.wgsl)).collect();
+    let parameters: String = arguments.iter().map(|name| format!(", {name}: f32")).collect();
+    let passed: String = arguments.iter().map(|name| format!(", {name}")).collect();
+    let cases: String = T::ALL
+        .iter()
+        .enumerate()
+        .map(|(index, kind)| {
+            format!("        case {index}u: {{ return {}(body{passed}); }}\n", kind.function)
+        })
+        .collect();
+    format!(
+        "{sources}
+fn {function}(body: u32{parameters}) -> f32 {{
+    switch bodies[body].{field} {{
+{cases}        default: {{ return 0.0; }}
+    }}
+}}
+"
+    )
 }
 
 /// Shades the samples, and lists the pixels that need rays.
@@ -46,6 +77,41 @@ pub fn warp() -> String {
 #[cfg(test)]
 mod tests {
     use naga::valid::{Capabilities, ValidationFlags, Validator};
+    use retina_radiometry::{Kind, Law, PhaseFunction, Registered};
+
+    /// naga's module has the kind's function, with that many arguments, and the chooser calls it once, in its place.
+    fn check<T>(module: &naga::Module, chooser: &str, index: usize, kind: &Kind<T>, arguments: usize) {
+        let find = |name: &str| module.functions.iter().find(|(_, f)| f.name.as_deref() == Some(name));
+        let (own, function) = find(kind.function).unwrap_or_else(|| panic!("no WGSL for {}", kind.name));
+        assert_eq!(function.arguments.len(), arguments, "{}", kind.name);
+        let (_, chooser) = find(chooser).expect("the chooser is generated");
+        let cases = chooser.body.iter().find_map(|statement| match statement {
+            naga::Statement::Switch { cases, .. } => Some(cases),
+            _ => None,
+        });
+        let value = naga::SwitchValue::U32(index as u32);
+        let mut chosen = cases.into_iter().flatten().filter(|case| case.value == value);
+        let case = chosen.next().unwrap_or_else(|| panic!("no case for {}", kind.name));
+        let calls =
+            |s: &naga::Statement| matches!(s, naga::Statement::Call { function, .. } if *function == own);
+        assert!(case.body.iter().any(calls) && chosen.next().is_none(), "{}", kind.name);
+    }
+
+    #[test]
+    fn every_law_and_phase_function_has_a_valid_wgsl_function() {
+        for source in [super::shade(), super::refine()] {
+            let module = naga::front::wgsl::parse_str(&source)
+                .unwrap_or_else(|error| panic!("{}", error.emit_to_string(&source)));
+            let capabilities = Capabilities::PRIMITIVE_INDEX | Capabilities::SHADER_FLOAT16_IN_FLOAT32;
+            Validator::new(ValidationFlags::all(), capabilities).validate(&module).expect("it is valid");
+            for (index, kind) in Law::ALL.iter().enumerate() {
+                check(&module, "law_value", index, kind, 5);
+            }
+            for (index, kind) in PhaseFunction::ALL.iter().enumerate() {
+                check(&module, "phase_value", index, kind, 3);
+            }
+        }
+    }
 
     #[test]
     fn every_permutation_of_every_shader_is_valid() {

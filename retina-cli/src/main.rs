@@ -80,7 +80,7 @@ fn main() -> ExitCode {
         Command::Body(arguments) => command::body::run(arguments),
         Command::Trajectory(arguments) => command::trajectory::run(arguments),
         Command::Sheet(arguments) => command::sheet::run(arguments),
-        Command::Optics(command) => command::optics::run(command),
+        Command::Optics(command) => command::optics::run(*command),
         Command::Simulate(command) => command::simulate::run(&command),
         Command::Navigate(command) => command::navigate::run(&command),
         Command::Adapter(arguments) => command::adapter::run(&arguments),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use retina_files::{InputError, hash_file};
 use retina_model::{Layout, ModelKind, external_files, load_body, load_obj};
-use retina_radiometry::{Law, PhaseFunction, Photometry};
+use retina_radiometry::{Lambert, PhaseFunction, Photometry};
 use retina_scene::{BodyParts, Shading};
 
 use crate::folder::{files_of, names};
@@ -186,9 +186,8 @@ pub(crate) fn load_shape(
         _ => DMat3::IDENTITY,
     };
     shape.transform(turn, source.scale * scale_m_per_bu);
-    let photometry = source
-        .photometry
-        .unwrap_or_else(|| Photometry::new(Law::Lambert, PhaseFunction::Constant, Some(albedo)));
+    let photometry =
+        source.photometry.unwrap_or_else(|| Photometry::new(Lambert, PhaseFunction::CONSTANT, Some(albedo)));
     Ok(BodyParts {
         name: name.to_owned(),
         shape,

@@ -7,7 +7,7 @@ use retina_batch::read_exr;
 use retina_files::InputError;
 use retina_formats::Calibration;
 use retina_geometry::{Distortion, Pinhole, Setup};
-use retina_radiometry::{Law, PhaseFunction, Photometry};
+use retina_radiometry::{Lambert, PhaseFunction, Photometry};
 
 use crate::grid::Grid;
 use crate::layers::{Layers, angles};
@@ -140,7 +140,7 @@ impl ExrOrigin {
             });
             angles(inside.each_ref().map(|layer| &layer.values[..]), &coverage.values)
         });
-        let law = angles.as_ref().map(|_| Photometry::new(Law::Lambert, PhaseFunction::Constant, Some(1.0)));
+        let law = angles.as_ref().map(|_| Photometry::new(Lambert, PhaseFunction::CONSTANT, Some(1.0)));
         Layers { light, coverage, angles, law, place_rad: None, map: None, mesh: None }
     }
 }

@@ -1,33 +1,15 @@
 //! Effects as changes of the prediction: each form has a shape from a list and parameters that are fitted.
 
 use retina_formats::FramesEffect;
-use retina_radiometry::{Geometry, Hapke, Law, PhaseFunction, Photometry};
-
-/// A law that the surface may have.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum SurfaceLaw {
-    Of(Photometry),
-    /// mu0^k mu^(k - 1) (M. Minnaert, Astrophysical Journal 93, 1941).
-    Minnaert(f64),
-}
-
-impl SurfaceLaw {
-    pub(crate) fn value(&self, geometry: Geometry) -> f64 {
-        match self {
-            Self::Of(photometry) => photometry.radiance_factor(geometry),
-            Self::Minnaert(k) if geometry.mu0 > 0.0 && geometry.mu > 0.0 => {
-                geometry.mu0.powf(*k) * geometry.mu.powf(k - 1.0)
-            }
-            Self::Minnaert(_) => 0.0,
-        }
-    }
-}
+use retina_radiometry::{
+    Hapke, Lambert, Law, LommelSeeliger, Minnaert, OrenNayar, PhaseFunction, Photometry,
+};
 
 /// What a form does.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Change {
     /// [m]: share of another law.
-    Law(SurfaceLaw),
+    Law(Photometry),
     /// [c]: contrast of the body's map to a power.
     Map { power: f64 },
     /// [c1..]: real spherical harmonics of longitude and latitude, without the constant.
@@ -191,21 +173,23 @@ pub(crate) struct Abilities {
 const LEAST_FIELD: f64 = 0.15;
 
 fn laws(lambert: bool) -> Vec<Form> {
-    let of = |law| SurfaceLaw::Of(Photometry::new(law, PhaseFunction::Constant, Some(1.0)));
-    let mut out = vec![Form::new(Change::Law(of(Law::LommelSeeliger)), &[("lommel_seeliger", 1.0)])];
+    fn form(law: impl Into<Law>, name: &'static str, value: f64) -> Form {
+        let photometry = Photometry::new(law, PhaseFunction::CONSTANT, Some(1.0));
+        Form::new(Change::Law(photometry), &[(name, value)])
+    }
+    let mut out = vec![form(LommelSeeliger, "lommel_seeliger", 1.0)];
     if !lambert {
-        out.push(Form::new(Change::Law(of(Law::Lambert)), &[("lambert", 1.0)]));
+        out.push(form(Lambert, "lambert", 1.0));
     }
     for k in [0.5, 0.7, 0.85] {
-        out.push(Form::new(Change::Law(SurfaceLaw::Minnaert(k)), &[("minnaert_k", k)]));
+        out.push(form(Minnaert { k }, "minnaert_k", k));
     }
     for deg in [15.0f64, 30.0] {
-        let law = Law::OrenNayar { roughness_rad: deg.to_radians() };
-        out.push(Form::new(Change::Law(of(law)), &[("oren_nayar_deg", deg)]));
+        out.push(form(OrenNayar { roughness_rad: deg.to_radians() }, "oren_nayar_deg", deg));
     }
     for deg in [5.0f64, 15.0, 24.0, 35.0] {
-        let law = Law::Hapke(Hapke { roughness_rad: deg.to_radians(), ..Hapke::lunar() });
-        out.push(Form::new(Change::Law(of(law)), &[("hapke_roughness_deg", deg)]));
+        let law = Hapke { roughness_rad: deg.to_radians(), ..Hapke::lunar() };
+        out.push(form(law, "hapke_roughness_deg", deg));
     }
     out
 }

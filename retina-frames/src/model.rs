@@ -145,7 +145,7 @@ impl Sight {
                             if before <= 0.0 {
                                 1.0
                             } else {
-                                (law.value(a.geometry()) / before).min(LARGEST_RATIO)
+                                (law.radiance_factor(a.geometry()) / before).min(LARGEST_RATIO)
                             }
                         };
                         let share = part.values[0];

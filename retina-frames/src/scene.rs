@@ -6,7 +6,7 @@ use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 use retina_files::InputError;
 use retina_geometry::Pinhole;
-use retina_radiometry::{AU_M, Law, PhaseFunction, Photometry};
+use retina_radiometry::{AU_M, Lambert, PhaseFunction, Photometry};
 use retina_render::{BodyModel, BodyState, CpuRenderer, CpuSampling, FrameState, Planes, RadianceImage};
 use retina_scene::Scene;
 
@@ -72,7 +72,7 @@ pub(crate) struct SceneOrigin {
 type Cell = (f32, Angles, [f32; 2]);
 
 fn white_lambert() -> Photometry {
-    Photometry::new(Law::Lambert, PhaseFunction::Constant, Some(1.0))
+    Photometry::new(Lambert, PhaseFunction::CONSTANT, Some(1.0))
 }
 
 impl SceneOrigin {

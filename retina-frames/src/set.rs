@@ -239,7 +239,7 @@ impl FrameSet {
             levels: varies(&means),
             brightest,
             lambert: every(&|layers| {
-                layers.law.is_some_and(|law| law.law == retina_radiometry::Law::Lambert)
+                layers.law.is_some_and(|law| matches!(law.law, retina_radiometry::Law::Lambert(_)))
             }),
         }
     }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use crate::Hapke;
+use crate::{Law, PhaseFunction};
 
 /// Directions at a surface element.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,69 +13,6 @@ pub struct Geometry {
     pub mu: f64,
     /// Phase angle, between the directions to the light and to the observer, rad.
     pub phase_rad: f64,
-}
-
-/// The law's shape; every law is 1 at incidence = emission = phase = 0, except Hapke's.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Law {
-    /// mu0.
-    Lambert,
-    /// 2 mu0 / (mu0 + mu) (Seeliger 1887): single scattering in a dark medium.
-    LommelSeeliger,
-    /// 2 L mu0 / (mu0 + mu) + (1 - L) mu0 with L = exp(-phase / decay) (McEwen 1991, 1996).
-    LunarLambert {
-        /// Decay angle of L, rad; 60 deg for the Moon.
-        decay_rad: f64,
-    },
-    /// mu0 (1 + B/A max(0, cos psi) sin a tan b), a the larger and b the smaller of incidence and
-    /// emission, psi the azimuth between them; A = 1 - s^2 / (2 (s^2 + 0.33)),
-    /// B = 0.45 s^2 / (s^2 + 0.09) (Oren and Nayar 1994, eq. 30, without interreflection).
-    OrenNayar {
-        /// Standard deviation s of the facets' slope angle, rad.
-        roughness_rad: f64,
-    },
-    /// Hapke (2012).
-    Hapke(Hapke),
-}
-
-/// A particle phase function f(phase) that multiplies the law, f(0) = 1.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum PhaseFunction {
-    /// f = 1.
-    Constant,
-    /// f = exp(-phase / scale).
-    Exponential {
-        /// Scale, rad.
-        scale_rad: f64,
-    },
-    /// Henyey-Greenstein, normalised to f(0) = 1: ((1 - g)^2 / (1 - 2 g cos phase + g^2))^(3/2);
-    /// g > 0 scatters back towards the light.
-    HenyeyGreenstein {
-        /// Asymmetry, -1 < g < 1.
-        asymmetry: f64,
-    },
-    /// f = 10^(-0.4 (c1 a + c2 a^2 + c3 a^3 + c4 a^4)), a in degrees: a phase curve in magnitudes.
-    Magnitudes {
-        /// c1..c4, mag per deg^n.
-        coefficients: [f64; 4],
-    },
-}
-
-impl PhaseFunction {
-    /// f(phase).
-    pub fn value(&self, phase_rad: f64) -> f64 {
-        match *self {
-            Self::Constant => 1.0,
-            Self::Exponential { scale_rad } => (-phase_rad / scale_rad).exp(),
-            Self::HenyeyGreenstein { asymmetry: g } => {
-                ((1.0 - g).powi(2) / (1.0 - 2.0 * g * phase_rad.cos() + g * g)).powf(1.5)
-            }
-            Self::Magnitudes { coefficients: [c1, c2, c3, c4] } => {
-                let a = phase_rad.to_degrees();
-                10f64.powf(-0.4 * a * (c1 + a * (c2 + a * (c3 + a * c4))))
-            }
-        }
-    }
 }
 
 /// The photometric function of a body: radiance factor of a surface element.
@@ -92,9 +29,13 @@ pub struct Photometry {
 
 impl Photometry {
     /// A photometric function with this normal albedo: I/F at incidence = emission = phase = 0.
-    /// With Hapke's law `normal_albedo` may be `None`: then I/F is what the law itself says.
-    pub fn new(law: Law, phase_function: PhaseFunction, normal_albedo: Option<f64>) -> Self {
-        let unit = Self { law, phase_function, factor: 1.0 };
+    /// If it is `None`, I/F is what the law itself says.
+    pub fn new(
+        law: impl Into<Law>,
+        phase_function: impl Into<PhaseFunction>,
+        normal_albedo: Option<f64>,
+    ) -> Self {
+        let unit = Self { law: law.into(), phase_function: phase_function.into(), factor: 1.0 };
         let at_normal = unit.radiance_factor(Geometry { mu0: 1.0, mu: 1.0, phase_rad: 0.0 });
         Self { factor: normal_albedo.map_or(1.0, |albedo| albedo / at_normal), ..unit }
     }
@@ -106,24 +47,7 @@ impl Photometry {
         if mu0 <= 0.0 || mu <= 0.0 {
             return 0.0;
         }
-        let lommel_seeliger = 2.0 * mu0 / (mu0 + mu);
-        let law = match self.law {
-            Law::Lambert => mu0,
-            Law::LommelSeeliger => lommel_seeliger,
-            Law::LunarLambert { decay_rad } => {
-                let l = (-phase_rad / decay_rad).exp();
-                l * lommel_seeliger + (1.0 - l) * mu0
-            }
-            Law::OrenNayar { roughness_rad } => {
-                let s2 = roughness_rad * roughness_rad;
-                let (a, b) = (1.0 - 0.5 * s2 / (s2 + 0.33), 0.45 * s2 / (s2 + 0.09));
-                // cos psi sin i sin e = cos phase - mu0 mu; sin a tan b = sin i sin e / max(mu0, mu).
-                let excess = (phase_rad.cos() - mu0 * mu).max(0.0) / mu0.max(mu);
-                mu0 * (1.0 + b / a * excess)
-            }
-            Law::Hapke(hapke) => hapke.radiance_factor(geometry),
-        };
-        self.factor * law * self.phase_function.value(phase_rad)
+        self.factor * self.law.radiance_factor(geometry) * self.phase_function.value(phase_rad)
     }
 
     /// Directional-hemispherical reflectance at incidence cosine `mu0`: integral of I/F over the
@@ -168,26 +92,40 @@ impl Photometry {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{
+        Akimov, Hapke, Lambert, LommelSeeliger, LunarLambert, Minnaert, OrenNayar, Registered, Rolo,
+    };
     use proptest::prelude::*;
 
-    fn with(law: Law) -> Photometry {
-        Photometry::new(law, PhaseFunction::Constant, Some(0.3))
+    fn with(law: impl Into<Law>) -> Photometry {
+        Photometry::new(law, PhaseFunction::CONSTANT, Some(0.3))
     }
 
-    fn laws() -> [Photometry; 5] {
+    fn laws() -> [Photometry; 8] {
         let hapke = Hapke { single_scattering_albedo: 0.33, ..Hapke::lunar() };
         [
-            with(Law::Lambert),
-            with(Law::LommelSeeliger),
-            with(Law::LunarLambert { decay_rad: 60f64.to_radians() }),
-            with(Law::OrenNayar { roughness_rad: 0.35 }),
-            Photometry::new(Law::Hapke(hapke), PhaseFunction::Constant, None),
+            with(Lambert),
+            with(LommelSeeliger),
+            with(LunarLambert { decay_rad: 60f64.to_radians() }),
+            with(OrenNayar { roughness_rad: 0.35 }),
+            with(Minnaert { k: 0.7 }),
+            with(Akimov),
+            with(rolo()),
+            Photometry::new(hapke, PhaseFunction::CONSTANT, None),
         ]
+    }
+
+    fn rolo() -> Rolo {
+        Rolo {
+            surge_amplitude: 0.05,
+            surge_decay_per_deg: 0.2,
+            polynomial: [0.2, -3e-3, 2.5e-5, -1.5e-7, 4e-10],
+        }
     }
 
     #[test]
     fn normal_albedo_is_the_radiance_factor_at_normal() {
-        for photometry in &laws()[..4] {
+        for photometry in &laws()[..7] {
             let at = photometry.radiance_factor(Geometry { mu0: 1.0, mu: 1.0, phase_rad: 0.0 });
             assert!((at - 0.3).abs() < 1e-15);
         }
@@ -199,7 +137,7 @@ mod tests {
         for phase_deg in [0.0, 20.0, 60.0, 90.0, 140.0f64] {
             let a = phase_deg.to_radians();
             let closed = 0.3 * 2.0 / 3.0 * (a.sin() + (PI - a) * a.cos()) / PI;
-            let integral = with(Law::Lambert).sphere_disc_integral(a, 600);
+            let integral = with(Lambert).sphere_disc_integral(a, 600);
             assert!((integral / closed - 1.0).abs() < 2e-5, "{phase_deg}: {integral} {closed}");
         }
     }
@@ -210,29 +148,144 @@ mod tests {
         for phase_deg in [1.0, 30.0, 60.0, 90.0, 140.0f64] {
             let a = phase_deg.to_radians();
             let closed = 0.3 * (1.0 - (a / 2.0).sin() * (a / 2.0).tan() * (1.0 / (a / 4.0).tan()).ln());
-            let integral = with(Law::LommelSeeliger).sphere_disc_integral(a, 1200);
+            let integral = with(LommelSeeliger).sphere_disc_integral(a, 1200);
             assert!((integral / closed - 1.0).abs() < 5e-4, "{phase_deg}: {integral} {closed}");
         }
     }
 
     #[test]
     fn rough_without_roughness_is_lambert() {
-        let smooth = with(Law::OrenNayar { roughness_rad: 0.0 });
+        let smooth = with(OrenNayar { roughness_rad: 0.0 });
         let geometry = Geometry { mu0: 0.4, mu: 0.7, phase_rad: 0.9 };
         assert!((smooth.radiance_factor(geometry) - 0.3 * 0.4).abs() < 1e-15);
     }
 
     #[test]
     fn energy_is_conserved() {
-        let white = |law| Photometry::new(law, PhaseFunction::Constant, Some(1.0));
+        fn white(law: impl Into<Law>) -> Photometry {
+            Photometry::new(law, PhaseFunction::CONSTANT, Some(1.0))
+        }
         for mu0 in [0.1, 0.5, 1.0] {
-            assert!((white(Law::Lambert).hemispherical_reflectance(mu0) - 1.0).abs() < 1e-9);
+            assert!((white(Lambert).hemispherical_reflectance(mu0) - 1.0).abs() < 1e-9);
             assert!(laws().iter().all(|law| law.hemispherical_reflectance(mu0) < 1.0));
             // Lommel-Seeliger in closed form: 4 integral of mu / (mu0 + mu) = 4 (1 - mu0 ln(1 + 1/mu0)).
             let closed = 4.0 * (1.0 - mu0 * (1.0 + 1.0 / mu0).ln());
-            let integral = white(Law::LommelSeeliger).hemispherical_reflectance(mu0);
+            let integral = white(LommelSeeliger).hemispherical_reflectance(mu0);
             assert!((integral / closed - 1.0).abs() < 1e-3, "{integral} {closed}");
         }
+    }
+
+    #[test]
+    fn minnaert_with_exponent_one_is_lambert() {
+        for phase_rad in [0.0, 0.6, 1.7, 2.6] {
+            let lambert = with(Lambert).sphere_disc_integral(phase_rad, 60);
+            let minnaert = with(Minnaert { k: 1.0 }).sphere_disc_integral(phase_rad, 60);
+            assert!((minnaert / lambert - 1.0).abs() < 1e-12, "{phase_rad}: {minnaert} {lambert}");
+        }
+    }
+
+    #[test]
+    fn minnaerts_sphere_at_full_phase_is_the_closed_form() {
+        // At phase 0, I/F = A mu^(2k - 1) and the disc's mean is the integral of 2 mu^(2k) = 2 A / (2k + 1).
+        for k in [0.5, 0.7, 1.0, 1.4] {
+            let closed = 0.3 * 2.0 / (2.0 * k + 1.0);
+            let integral = with(Minnaert { k }).sphere_disc_integral(0.0, 600);
+            assert!((integral / closed - 1.0).abs() < 1e-4, "{k}: {integral} {closed}");
+        }
+    }
+
+    /// Shkuratov et al. (2011), eq. 19, by photometric latitude and longitude from the mirror meridian, where the disc
+    /// function is cos(a/2) cos(pi l / (pi - a)) / cos(l + a/2) cos(b)^(a / (pi - a)).
+    fn akimov_of_coordinates(latitude_rad: f64, from_mirror_rad: f64, phase_rad: f64) -> f64 {
+        let rest = PI - phase_rad;
+        (phase_rad / 2.0).cos() * (PI * from_mirror_rad / rest).cos()
+            / (from_mirror_rad + phase_rad / 2.0).cos()
+            * latitude_rad.cos().powf(phase_rad / rest)
+    }
+
+    #[test]
+    fn akimov_is_its_formula_in_photometric_coordinates() {
+        for phase_rad in [1e-6, 1e-3, 0.1, 0.8, 1.9, 2.9f64] {
+            for latitude in [-1.4, -0.5, 0.0, 0.9f64] {
+                for part in [-0.98, -0.4, 0.0, 0.3, 0.9] {
+                    let from_mirror = part * (PI - phase_rad) / 2.0;
+                    let longitude = from_mirror + phase_rad / 2.0;
+                    let mu = latitude.cos() * longitude.cos();
+                    let mu0 = latitude.cos() * (phase_rad - longitude).cos();
+                    let law = Law::from(Akimov).radiance_factor(Geometry { mu0, mu, phase_rad });
+                    let expected = akimov_of_coordinates(latitude, from_mirror, phase_rad);
+                    // Rounding of mu0 - mu cos(phase), over the sine of the distance from the limb.
+                    let tolerance = 1e-12 / mu.min(mu0);
+                    assert!(
+                        (law / expected - 1.0).abs() < tolerance,
+                        "{phase_rad} {latitude} {part}: {law} {expected}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn akimovs_full_disc_is_flat_and_its_limb_finite() {
+        let law = Law::from(Akimov);
+        for mu in [1e-9, 1e-3, 0.3, 1.0] {
+            assert_eq!(law.radiance_factor(Geometry { mu0: mu, mu, phase_rad: 0.0 }), 1.0);
+            // The exponent a / (pi - a) and the slope over longitude are of the order of the phase angle.
+            let near = law.radiance_factor(Geometry { mu0: mu, mu, phase_rad: 1e-7 });
+            assert!((near - 1.0).abs() < 1e-5, "{mu}: {near}");
+        }
+        // At the limb on the equator: cos(a/2) pi / (pi - a), the limit of cosine over cosine.
+        let a = 1.0f64;
+        let limb = law.radiance_factor(Geometry { mu0: a.sin(), mu: 1e-14, phase_rad: a });
+        assert!((limb / ((a / 2.0).cos() * PI / (PI - a)) - 1.0).abs() < 1e-9, "{limb}");
+        let terminator = law.radiance_factor(Geometry { mu0: 1e-14, mu: a.sin(), phase_rad: a });
+        assert!((0.0..1e-12).contains(&terminator), "{terminator}");
+    }
+
+    #[test]
+    fn rolos_phase_curve_is_its_formula() {
+        // By hand, a = 50 deg: 0.05 exp(-10) + 0.2 - 0.15 + 0.0625 - 0.01875 + 0.0025 = 0.09625227 (+ 5 digits).
+        let at = |mu0: f64, mu: f64, deg: f64| {
+            Law::from(rolo()).radiance_factor(Geometry { mu0, mu, phase_rad: deg.to_radians() })
+        };
+        assert!((at(0.5, 0.5, 50.0) - 0.5 * 0.096_252_27).abs() < 1e-10, "{}", at(0.5, 0.5, 50.0));
+        assert!((at(0.6, 0.2, 50.0) - 0.75 * 0.096_252_27).abs() < 1e-10);
+        assert!((at(1.0, 1.0, 0.0) - 0.125).abs() < 1e-15);
+        // A polynomial that turns negative gives no light.
+        let falling = Rolo { polynomial: [0.1, -0.01, 0.0, 0.0, 0.0], ..rolo() };
+        let dark = Geometry { mu0: 0.5, mu: 0.5, phase_rad: 1.0 };
+        assert_eq!(Law::from(falling).radiance_factor(dark), 0.0);
+    }
+
+    /// What the scene's reader builds from default keys, and what the shader is told.
+    #[test]
+    fn registers_have_names_keys_and_indices_of_their_own() {
+        fn check<T: Registered>(index: impl Fn(&T) -> u32, of_one_name: &mut Vec<(&'static str, usize)>) {
+            for (place, kind) in T::ALL.iter().enumerate() {
+                assert_eq!(index(&(kind.from_values)(&vec![0.5; kind.value_count()])) as usize, place);
+                assert!(kind.wgsl.contains(&format!("fn {}(", kind.function)), "{}", kind.name);
+                assert_eq!(T::ALL.iter().filter(|other| other.name == kind.name).count(), 1);
+                for key in kind.keys {
+                    assert!(key.range[0] < key.range[1] && key.length > 0, "{}", key.name);
+                    of_one_name.push((key.name, key.length));
+                }
+            }
+        }
+        let mut keys = Vec::new();
+        check::<Law>(Law::index, &mut keys);
+        check::<PhaseFunction>(PhaseFunction::index, &mut keys);
+        // Laws may share a key's name; it is then a number in all of them, or a list of the same length.
+        for (name, length) in &keys {
+            assert!(keys.iter().all(|(other, n)| other != name || n == length), "{name}");
+        }
+        let defaults: Vec<f64> = Law::ALL[4]
+            .keys
+            .iter()
+            .map(|key| if let crate::KeyDefault::Value(value) = key.default { value } else { 0.21 })
+            .collect();
+        let Law::Hapke(hapke) = (Law::ALL[4].from_values)(&defaults) else { panic!("not Hapke's") };
+        assert!((hapke.roughness_rad - Hapke::lunar().roughness_rad).abs() < 1e-15);
+        assert_eq!(Hapke { roughness_rad: 0.4129, ..hapke }, Hapke::lunar());
     }
 
     proptest! {

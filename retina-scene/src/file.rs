@@ -8,6 +8,8 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{Error as _, IgnoredAny, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 
+use crate::PhotometryTable;
+
 /// The whole file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -189,57 +191,6 @@ pub enum Shading {
     Smooth,
     /// Each triangle's own.
     Flat,
-}
-
-/// `photometry`: flat, so that an unknown key is still pointed at; which key belongs to which law
-/// is checked afterwards.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PhotometryTable {
-    pub(crate) model: LawName,
-    pub(crate) normal_albedo: Option<f64>,
-    pub(crate) phase_function: Option<PhaseFunctionTable>,
-    pub(crate) decay_deg: Option<f64>,
-    pub(crate) roughness_deg: Option<f64>,
-    pub(crate) single_scattering_albedo: Option<f64>,
-    pub(crate) lobe_width: Option<f64>,
-    pub(crate) lobe_weight: Option<f64>,
-    pub(crate) shoe_amplitude: Option<f64>,
-    pub(crate) shoe_width: Option<f64>,
-    pub(crate) cboe_amplitude: Option<f64>,
-    pub(crate) cboe_width: Option<f64>,
-    pub(crate) porosity: Option<f64>,
-}
-
-/// Name of a photometric law.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum LawName {
-    Lambert,
-    LommelSeeliger,
-    LunarLambert,
-    OrenNayar,
-    Hapke,
-}
-
-/// `phase_function`.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct PhaseFunctionTable {
-    pub(crate) kind: PhaseFunctionName,
-    pub(crate) scale_deg: Option<f64>,
-    pub(crate) asymmetry: Option<f64>,
-    pub(crate) coefficients: Option<[f64; 4]>,
-}
-
-/// Name of a phase function.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum PhaseFunctionName {
-    Constant,
-    Exponential,
-    HenyeyGreenstein,
-    Magnitudes,
 }
 
 /// `[render]`.

@@ -16,6 +16,7 @@ mod frame;
 mod inside;
 mod occult;
 mod photometry;
+mod photometry_table;
 mod read;
 mod read_flashes;
 mod scene;
@@ -24,8 +25,9 @@ mod sky;
 mod truth;
 
 pub use checks::FrameChecks;
-pub use file::{Compensation, Layer, PhotometryTable, Shading};
+pub use file::{Compensation, Layer, Shading};
 pub use flashes::{Flash, Flashes, RandomFlashes, SeenFlash, ShownFlash};
 pub use frame::SceneFrame;
+pub use photometry_table::PhotometryTable;
 pub use scene::{BodyParts, Display, Output, RadianceScale, Scene, SceneBody, SceneInput, SceneParts};
 pub use sky::{DisplayedPoint, PlanetPoint, ShownPoint, SkyPoint, Stars};

@@ -3,12 +3,10 @@
 use std::path::Path;
 
 use retina_files::InputError;
-use retina_radiometry::{Geometry, Hapke, Law, PhaseFunction, Photometry};
+use retina_radiometry::{Geometry, Key, KeyDefault, Law, PhaseFunction, Photometry};
 
-use crate::file::{LawName, PhaseFunctionName, PhaseFunctionTable, PhotometryTable};
-
-/// McEwen's decay angle for the Moon, deg.
-const LUNAR_DECAY_DEG: f64 = 60.0;
+use crate::PhotometryTable;
+use crate::photometry_table::Choice;
 
 impl PhotometryTable {
     /// The photometric function of a body; `place` names the body in errors.
@@ -26,197 +24,157 @@ struct Reader<'a> {
     table: &'a PhotometryTable,
 }
 
+/// I/F at incidence = emission = phase = 0.
+fn at_normal(law: Law) -> f64 {
+    law.radiance_factor(Geometry { mu0: 1.0, mu: 1.0, phase_rad: 0.0 })
+}
+
 impl Reader<'_> {
     fn read(&self) -> Result<Photometry, InputError> {
         let table = self.table;
-        let (law_name, own): (&str, &[&str]) = match table.model {
-            LawName::Lambert => ("lambert", &[]),
-            LawName::LommelSeeliger => ("lommel-seeliger", &[]),
-            LawName::LunarLambert => ("lunar-lambert", &["decay_deg"]),
-            LawName::OrenNayar => ("oren-nayar", &["roughness_deg"]),
-            LawName::Hapke => ("hapke", HAPKE_KEYS),
-        };
-        self.refuse_foreign(law_name, own)?;
+        self.refuse_foreign()?;
         let phase_function = match &table.phase_function {
-            None => PhaseFunction::Constant,
+            None => PhaseFunction::CONSTANT,
             Some(function) => self.phase_function(function)?,
         };
         // Surfaces brighter than white at normal exist (strong opposition effects), but not twice.
-        let albedo = self.within("normal_albedo", table.normal_albedo, 0.0, 2.0)?;
-        if albedo == Some(0.0) {
-            return Err(self
-                .error("normal_albedo", "a body without albedo cannot be seen")
-                .found(0.0)
-                .expected("a value above 0"));
+        if let Some(albedo) = table.normal_albedo {
+            self.within("normal_albedo", albedo, [0.0, 2.0])?;
+            if albedo == 0.0 {
+                return Err(self
+                    .error("normal_albedo", "a body without albedo cannot be seen")
+                    .found(0.0)
+                    .expected("a value above 0"));
+            }
         }
-        let law = match table.model {
-            LawName::Hapke => return self.hapke(albedo, phase_function),
-            LawName::Lambert => Law::Lambert,
-            LawName::LommelSeeliger => Law::LommelSeeliger,
-            LawName::LunarLambert => {
-                let decay_deg =
-                    self.within("decay_deg", table.decay_deg, 0.1, 1e6)?.unwrap_or(LUNAR_DECAY_DEG);
-                Law::LunarLambert { decay_rad: decay_deg.to_radians() }
-            }
-            LawName::OrenNayar => {
-                let roughness_deg = self.within("roughness_deg", table.roughness_deg, 0.0, 90.0)?;
-                Law::OrenNayar { roughness_rad: self.required("roughness_deg", roughness_deg)?.to_radians() }
-            }
-        };
-        let albedo = self.required("normal_albedo", albedo)?;
-        Ok(Photometry::new(law, phase_function, Some(albedo)))
+        let law = self.law()?;
+        let level = at_normal(law);
+        if !(level.is_finite() && level > 0.0) {
+            return Err(self
+                .error("model", format!("the law `{}` gives no light at normal incidence", law.name()))
+                .found(level)
+                .expected("I/F above 0 at incidence = emission = phase = 0"));
+        }
+        Ok(Photometry::new(law, phase_function, table.normal_albedo))
     }
 
-    fn hapke(&self, albedo: Option<f64>, phase_function: PhaseFunction) -> Result<Photometry, InputError> {
-        let table = self.table;
-        let lunar = Hapke::lunar();
-        let or = |key, value, low, high, default| Ok(self.within(key, value, low, high)?.unwrap_or(default));
-        let w = self.within("single_scattering_albedo", table.single_scattering_albedo, 1e-6, 1.0)?;
-        let law = Hapke {
-            single_scattering_albedo: w.unwrap_or(lunar.single_scattering_albedo),
-            lobe_width: or("lobe_width", table.lobe_width, 0.0, 0.999, lunar.lobe_width)?,
-            lobe_weight: or("lobe_weight", table.lobe_weight, -1.0, 1.0, lunar.lobe_weight)?,
-            shoe_amplitude: or("shoe_amplitude", table.shoe_amplitude, 0.0, 100.0, lunar.shoe_amplitude)?,
-            shoe_width: or("shoe_width", table.shoe_width, 1e-6, 10.0, lunar.shoe_width)?,
-            cboe_amplitude: or("cboe_amplitude", table.cboe_amplitude, 0.0, 100.0, lunar.cboe_amplitude)?,
-            cboe_width: or("cboe_width", table.cboe_width, 1e-6, 10.0, lunar.cboe_width)?,
-            roughness_rad: self
-                .within("roughness_deg", table.roughness_deg, 0.0, 60.0)?
-                .map_or(lunar.roughness_rad, f64::to_radians),
-            porosity: or("porosity", table.porosity, 1e-3, 10.0, lunar.porosity)?,
-        };
-        match (w, albedo) {
-            // The level is the normal albedo, the shape is the given albedo's.
-            (Some(_), _) => Ok(Photometry::new(Law::Hapke(law), phase_function, albedo)),
-            (None, Some(albedo)) => {
-                let law = Hapke { single_scattering_albedo: self.solve_albedo(law, albedo)?, ..law };
-                Ok(Photometry::new(Law::Hapke(law), phase_function, Some(albedo)))
+    /// The law, with what its keys leave to defaults and to the normal albedo.
+    fn law(&self) -> Result<Law, InputError> {
+        let choice = &self.table.law;
+        let mut values = Vec::with_capacity(choice.kind.value_count());
+        let mut sought = None;
+        let mut has_level = false;
+        for key in choice.kind.keys {
+            match (choice.get(key), key.default) {
+                (Some(given), default) => {
+                    self.check(key.name, key, given)?;
+                    has_level |= default == KeyDefault::FromNormalAlbedo;
+                    values.extend_from_slice(given);
+                }
+                (None, KeyDefault::Required) => return Err(self.missing(key.name)),
+                (None, KeyDefault::Value(value)) => values.extend(std::iter::repeat_n(value, key.length)),
+                (None, KeyDefault::FromNormalAlbedo) => {
+                    sought = Some((key, values.len()));
+                    values.push(key.range[0]);
+                }
             }
-            (None, None) => Err(self
+        }
+        match (sought, self.table.normal_albedo) {
+            (Some((key, place)), Some(albedo)) => self.solve(key, place, values, albedo),
+            (Some((key, _)), None) => Err(self
                 .error("normal_albedo", "the level of the body's brightness is not given")
-                .expected("`normal_albedo` or `single_scattering_albedo`")),
+                .expected(format!("`normal_albedo` or `{}`", key.name))),
+            (None, None) if !has_level => Err(self.missing("normal_albedo")),
+            // If both are given, the level is the normal albedo and the shape is the key's.
+            (None, _) => Ok((choice.kind.from_values)(&values)),
         }
     }
 
-    /// w with which I/F at normal is `albedo`, by bisection: I/F grows with w.
-    fn solve_albedo(&self, law: Hapke, albedo: f64) -> Result<f64, InputError> {
-        let at_normal = |w: f64| {
-            let law = Hapke { single_scattering_albedo: w, ..law };
-            law.radiance_factor(Geometry { mu0: 1.0, mu: 1.0, phase_rad: 0.0 })
-        };
-        let (mut low, mut high) = (0.0, 1.0);
-        if at_normal(high) < albedo {
+    /// The law whose I/F at normal is `albedo`, by bisection: I/F grows with the value at this place.
+    fn solve(&self, key: &Key, place: usize, mut values: Vec<f64>, albedo: f64) -> Result<Law, InputError> {
+        let from_values = self.table.law.kind.from_values;
+        let [mut low, mut high] = key.range;
+        values[place] = high;
+        let most = at_normal(from_values(&values));
+        if most < albedo {
+            let problem = format!("no {} gives so bright a surface with these parameters", key.meaning);
             return Err(self
-                .error(
-                    "normal_albedo",
-                    "no single-scattering albedo gives so bright a surface with these parameters",
-                )
+                .error("normal_albedo", problem)
                 .found(albedo)
-                .expected(format!("at most {:.4}", at_normal(high))));
+                .expected(format!("at most {most:.4}")));
         }
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
-            if at_normal(middle) < albedo { low = middle } else { high = middle }
+            values[place] = middle;
+            if at_normal(from_values(&values)) < albedo { low = middle } else { high = middle }
         }
-        Ok(0.5 * (low + high))
+        values[place] = 0.5 * (low + high);
+        Ok(from_values(&values))
     }
 
-    fn phase_function(&self, table: &PhaseFunctionTable) -> Result<PhaseFunction, InputError> {
-        let (kind, own) = match table.kind {
-            PhaseFunctionName::Constant => ("constant", ""),
-            PhaseFunctionName::Exponential => ("exponential", "scale_deg"),
-            PhaseFunctionName::HenyeyGreenstein => ("henyey-greenstein", "asymmetry"),
-            PhaseFunctionName::Magnitudes => ("magnitudes", "coefficients"),
-        };
-        let there = [
-            ("scale_deg", table.scale_deg.is_some()),
-            ("asymmetry", table.asymmetry.is_some()),
-            ("coefficients", table.coefficients.is_some()),
-        ];
-        for (key, given) in there {
-            let place = format!("phase_function.{key}");
-            if given && key != own {
-                return Err(
-                    self.error(&place, format!("the key does not belong to the phase function `{kind}`"))
-                );
-            }
-            if !given && key == own {
-                return Err(self.error(&place, format!("the phase function `{kind}` needs the key `{key}`")));
+    fn phase_function(&self, choice: &Choice<PhaseFunction>) -> Result<PhaseFunction, InputError> {
+        let kind = choice.kind;
+        let place = |name: &str| format!("phase_function.{name}");
+        if let Some(name) = choice.foreign() {
+            let problem = format!("the key does not belong to the phase function `{}`", kind.name);
+            return Err(self.error(&place(name), problem));
+        }
+        let mut values = Vec::with_capacity(kind.value_count());
+        for key in kind.keys {
+            match (choice.get(key), key.default) {
+                (Some(given), _) => {
+                    self.check(&place(key.name), key, given)?;
+                    values.extend_from_slice(given);
+                }
+                (None, KeyDefault::Value(value)) => values.extend(std::iter::repeat_n(value, key.length)),
+                (None, _) => {
+                    let problem = format!("the phase function `{}` needs the key `{}`", kind.name, key.name);
+                    return Err(self.error(&place(key.name), problem));
+                }
             }
         }
-        let scale_deg = self.within("phase_function.scale_deg", table.scale_deg, 1e-3, 1e6)?;
-        let asymmetry = self.within("phase_function.asymmetry", table.asymmetry, -0.999, 0.999)?;
-        let coefficients = table.coefficients.unwrap_or_default();
-        if coefficients.iter().any(|c| !c.is_finite()) {
-            return Err(self.error("phase_function.coefficients", "a coefficient is not finite"));
-        }
-        Ok(match table.kind {
-            PhaseFunctionName::Constant => PhaseFunction::Constant,
-            PhaseFunctionName::Exponential => {
-                PhaseFunction::Exponential { scale_rad: scale_deg.unwrap_or(1.0).to_radians() }
-            }
-            PhaseFunctionName::HenyeyGreenstein => {
-                PhaseFunction::HenyeyGreenstein { asymmetry: asymmetry.unwrap_or(0.0) }
-            }
-            PhaseFunctionName::Magnitudes => PhaseFunction::Magnitudes { coefficients },
-        })
+        Ok((kind.from_values)(&values))
     }
 
-    fn refuse_foreign(&self, law: &str, own: &[&str]) -> Result<(), InputError> {
-        let t = self.table;
-        let given = [
-            ("decay_deg", t.decay_deg.is_some()),
-            ("roughness_deg", t.roughness_deg.is_some()),
-            ("single_scattering_albedo", t.single_scattering_albedo.is_some()),
-            ("lobe_width", t.lobe_width.is_some()),
-            ("lobe_weight", t.lobe_weight.is_some()),
-            ("shoe_amplitude", t.shoe_amplitude.is_some()),
-            ("shoe_width", t.shoe_width.is_some()),
-            ("cboe_amplitude", t.cboe_amplitude.is_some()),
-            ("cboe_width", t.cboe_width.is_some()),
-            ("porosity", t.porosity.is_some()),
-        ];
-        let Some((key, _)) = given.iter().find(|(key, given)| *given && !own.contains(key)) else {
-            return Ok(());
-        };
+    fn refuse_foreign(&self) -> Result<(), InputError> {
+        let Some(key) = self.table.law.foreign() else { return Ok(()) };
+        let kind = self.table.law.kind;
         let mut keys = vec!["normal_albedo", "phase_function"];
-        keys.extend(own);
+        keys.extend(kind.keys.iter().map(|key| key.name));
         Err(self
-            .error(key, format!("the key does not belong to the law `{law}`"))
+            .error(key, format!("the key does not belong to the law `{}`", kind.name))
             .expected(format!("of {}", keys.join(", ")))
             .help(format!("remove `{key}`, or choose the law that it belongs to")))
     }
 
-    fn within(&self, key: &str, value: Option<f64>, low: f64, high: f64) -> Result<Option<f64>, InputError> {
-        match value {
-            Some(v) if !(low..=high).contains(&v) => Err(self
-                .error(key, "the value is out of its range")
-                .found(v)
-                .expected(format!("{low} to {high}"))),
-            value => Ok(value),
+    /// A number within its range, or a list of them.
+    fn check(&self, place: &str, key: &Key, values: &[f64]) -> Result<(), InputError> {
+        if key.length > 1 && values.iter().any(|value| !value.is_finite()) {
+            return Err(self.error(place, "a coefficient is not finite"));
         }
+        values.iter().try_for_each(|value| self.within(place, *value, key.range))
     }
 
-    fn required(&self, key: &str, value: Option<f64>) -> Result<f64, InputError> {
-        value.ok_or_else(|| self.error(key, format!("the key `{key}` is missing")).expected("a number"))
+    fn within(&self, place: &str, value: f64, [low, high]: [f64; 2]) -> Result<(), InputError> {
+        if (low..=high).contains(&value) {
+            return Ok(());
+        }
+        Err(self
+            .error(place, "the value is out of its range")
+            .found(value)
+            .expected(format!("{low} to {high}")))
+    }
+
+    fn missing(&self, key: &str) -> InputError {
+        let list = self.table.law.kind.keys.iter().find(|own| own.name == key && own.length > 1);
+        let expected = list.map_or("a number".to_owned(), |key| format!("a list of {}", key.length));
+        self.error(key, format!("the key `{key}` is missing")).expected(expected)
     }
 
     fn error(&self, key: &str, problem: impl Into<String>) -> InputError {
         InputError::new(self.file, problem).at(format!("{}, key `photometry.{key}`", self.place))
     }
 }
-
-const HAPKE_KEYS: &[&str] = &[
-    "single_scattering_albedo",
-    "lobe_width",
-    "lobe_weight",
-    "shoe_amplitude",
-    "shoe_width",
-    "cboe_amplitude",
-    "cboe_width",
-    "roughness_deg",
-    "porosity",
-];
 
 #[cfg(test)]
 mod tests {
@@ -240,6 +198,9 @@ mod tests {
             "model = 'lunar-lambert'\nnormal_albedo = 0.12",
             "model = 'oren-nayar'\nroughness_deg = 20\nnormal_albedo = 0.12",
             "model = 'hapke'\nnormal_albedo = 0.12",
+            "model = 'minnaert'\nk = 0.7\nnormal_albedo = 0.12",
+            "model = 'akimov'\nnormal_albedo = 0.12",
+            "model = 'rolo'\nnormal_albedo = 0.12\nsurge_amplitude = 0.05\nsurge_decay_per_deg = 0.2\npolynomial = [0.2, -3e-3, 0, 0, 0]",
             "model = 'hapke'\nnormal_albedo = 0.12\nsingle_scattering_albedo = 0.4",
         ] {
             assert!((normal(&read(text).unwrap()) - 0.12).abs() < 1e-12, "{text}");
@@ -267,6 +228,21 @@ mod tests {
             ("model = 'lambert'\nnormal_albedo = -0.1", "out of its range"),
             ("model = 'lambert'\nnormal_albedo = nan", "out of its range"),
             ("model = 'hapke'", "not given"),
+            ("model = 'minnaert'\nnormal_albedo = 0.1", "the key `k` is missing"),
+            ("model = 'minnaert'\nnormal_albedo = 0.1\nk = 2.5", "out of its range"),
+            ("model = 'akimov'\nnormal_albedo = 0.1\nk = 0.5", "photometry.k"),
+            (
+                "model = 'rolo'\nnormal_albedo = 0.1\nsurge_amplitude = 0\nsurge_decay_per_deg = 0",
+                "expected a list of 5",
+            ),
+            (
+                "model = 'rolo'\nnormal_albedo = 0.1\nsurge_amplitude = 0\nsurge_decay_per_deg = 0\npolynomial = [0, 1, 0, 0, 0]",
+                "no light at normal incidence",
+            ),
+            (
+                "model = 'rolo'\nnormal_albedo = 0.1\nsurge_amplitude = 0\nsurge_decay_per_deg = 0\npolynomial = [0.1, inf, 0, 0, 0]",
+                "not finite",
+            ),
             (
                 "model = 'lambert'\nnormal_albedo = 0.1\nphase_function = { kind = 'constant', asymmetry = 0.1 }",
                 "asymmetry",
@@ -280,5 +256,27 @@ mod tests {
             assert!(error.contains(words), "{error}");
         }
         assert_eq!(read("model = 'lambret'").unwrap_err().help.unwrap(), "did you mean `lambert`?");
+    }
+
+    #[test]
+    fn keys_and_names_that_no_law_has_are_pointed_at() {
+        for (text, line, column, words, help) in [
+            ("model = 'lambert'\nnormal_albdeo = 0.1", 2, 1, "normal_albdeo", Some("normal_albedo")),
+            ("normal_albedo = 0.1\nmodel = 'minaert'", 2, 9, "minaert", Some("minnaert")),
+            ("model = 'minnaert'\nk = 'x'", 2, 5, "expected a number", None),
+            ("model = 'rolo'\npolynomial = [1, 2]", 2, 14, "a list of 5", None),
+            ("phase_function = { kind = 'henyey' }", 1, 27, "henyey", Some("henyey-greenstein")),
+            ("phase_function = { kind = 'exponential', scale = 1 }", 1, 42, "scale", Some("scale_deg")),
+            ("normal_albedo = 0.1", 1, 1, "missing field `model`", None),
+        ] {
+            let error = read(text).unwrap_err();
+            assert_eq!(error.place, retina_files::Place::LineColumn(line, column), "{text}: {error}");
+            assert!(error.to_string().contains(words), "{text}: {error}");
+            assert_eq!(
+                error.help.clone(),
+                help.map(|name| format!("did you mean `{name}`?")),
+                "{text}: {error}"
+            );
+        }
     }
 }

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use retina::glam::{DMat3, DVec3};
 use retina::model::load_body;
 use retina::prelude::*;
-use retina::radiometry::{AU_M, PhaseFunction};
+use retina::radiometry::{AU_M, LunarLambert, PhaseFunction};
 
 pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1).filter(|text| !text.starts_with("--")).map(PathBuf::from);
@@ -16,8 +16,8 @@ pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let mut shape = load_body(&arguments.next().filter(|path| path.exists()).unwrap_or(own))?;
     shape.smooth_normals();
 
-    let law = Law::LunarLambert { decay_rad: 60f64.to_radians() };
-    let photometry = Photometry::new(law, PhaseFunction::Constant, Some(0.12));
+    let law = LunarLambert { decay_rad: 60f64.to_radians() };
+    let photometry = Photometry::new(law, PhaseFunction::CONSTANT, Some(0.12));
     let moon = BodyModel { name: "moon".into(), shape, photometry };
 
     // 60 000 km away, the Sun at the right: K_f of the setup, every eighth pixel to be quick.

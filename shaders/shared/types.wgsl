@@ -1,6 +1,6 @@
 //! What every stage shares: the frame, the bodies and their geometry. Lengths in metres, angles
 //! in radians; body axes unless a name says camera. Each struct has a twin in
-//! crates/retina-render/src/gpu/layout.rs whose layout a test checks against naga's.
+//! retina-render/src/gpu/layout.rs whose layout a test checks against naga's.
 
 /// One frame and how it is sampled.
 struct Frame {
@@ -57,13 +57,14 @@ struct Body {
     triangle_first: u32,
     /// Bit b set: body b may stand between this one and the Sun.
     shadow_casters: u32,
+    /// Indices in the registers of laws and phase functions.
     law: u32,
     phase_law: u32,
     factor: f32,
     bounding_radius_m: f32,
-    law_a: vec4<f32>,
-    law_b: vec4<f32>,
-    phase_coefficients: vec4<f32>,
+    /// What each law and phase function reads there, its own WGSL says.
+    law_parameters: array<vec4<f32>, 3>,
+    phase_parameters: vec4<f32>,
     /// Where a body of a few pixels is, x and y, and the radius about it within which every pixel is
     /// sampled by rays; 0 for a larger body.
     small_disc_px: vec4<f32>,

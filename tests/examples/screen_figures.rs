@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use glam::{DQuat, DVec2, DVec3};
 use retina_geometry::{Distortion, Pinhole, Setup, WarpMap};
-use retina_radiometry::{AU_M, Law, PhaseFunction, Photometry, ScreenResponse};
+use retina_radiometry::{AU_M, LommelSeeliger, LunarLambert, PhaseFunction, Photometry, ScreenResponse};
 use retina_render::{BodyModel, BodyState, FrameState, GpuDevice, GpuRenderer, GpuWarp, Planes, Quality};
 use retina_screen::{PointPainter, Quantisation, ScreenEncoder};
 use retina_tests::{moon, placed, sphere};
@@ -191,7 +191,7 @@ fn compensation(setup: &Setup) {
     let radius_m = 380.0 / image.fx_px * distance_m;
     let at = DVec3::new(500.0 / image.fx_px, 190.0 / image.fy_px, 1.0) * distance_m;
     let body = placed(at, DQuat::IDENTITY, -at.normalize(), AU_M);
-    let photometry = Photometry::new(Law::LommelSeeliger, PhaseFunction::Constant, Some(0.1));
+    let photometry = Photometry::new(LommelSeeliger, PhaseFunction::CONSTANT, Some(0.1));
     let disc = BodyModel { name: "disc".into(), shape: sphere(radius_m, 200), photometry };
     let mut bench = Bench::new(disc, body, image, Quality::Best);
     let modes = bench.modes(1);
@@ -217,7 +217,7 @@ fn compensation(setup: &Setup) {
 fn moon_frames(setup: &Setup, folder: Option<&PathBuf>) {
     let image = setup.facility_pinhole();
     let photometry =
-        Photometry::new(Law::LunarLambert { decay_rad: PI / 3.0 }, PhaseFunction::Constant, Some(0.12));
+        Photometry::new(LunarLambert { decay_rad: PI / 3.0 }, PhaseFunction::CONSTANT, Some(0.12));
     for phase_deg in [20.0f64, 90.0] {
         let at = DVec3::new(0.0, 0.0, MOON_DISTANCE_M);
         let phase = phase_deg.to_radians();

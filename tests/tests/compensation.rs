@@ -3,7 +3,7 @@
 
 use glam::{DQuat, DVec2, DVec3};
 use retina_geometry::{Distortion, Pinhole, WarpMap};
-use retina_radiometry::{AU_M, Law, PhaseFunction, Photometry};
+use retina_radiometry::{AU_M, LommelSeeliger, PhaseFunction, Photometry};
 use retina_render::{BodyModel, FrameState, GpuDevice, GpuRenderer, GpuWarp, Planes, Quality};
 use retina_tests::{placed, sphere, square_image};
 
@@ -68,7 +68,7 @@ fn the_distortion_is_undone_to_the_sub_pixel() {
     let image = square_image(side, 1200.0);
     // Off the boresight, near a corner, where the distortion is largest; uniform disc at full phase.
     let body = placed(DVec3::new(4.0e5, 3.5e5, 1.0e7), DQuat::IDENTITY, DVec3::new(0.0, 0.0, -1.0), AU_M);
-    let photometry = Photometry::new(Law::LommelSeeliger, PhaseFunction::Constant, Some(0.1));
+    let photometry = Photometry::new(LommelSeeliger, PhaseFunction::CONSTANT, Some(0.1));
     let models = vec![BodyModel { name: "disc".into(), shape: sphere(3.0e5, 96), photometry }];
     let Some(gpu) = GpuDevice::open_for_test() else { return };
     let mut renderer = GpuRenderer::new(gpu, models, Quality::Best, Planes::Radiance).expect("the body fits");

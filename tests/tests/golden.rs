@@ -3,7 +3,11 @@
 
 use glam::{DQuat, DVec3};
 use retina_geometry::Distortion;
-use retina_radiometry::{AU_M, Hapke, Law, PhaseFunction, Photometry};
+use retina_radiometry::phase_functions::{Exponential, HenyeyGreenstein, Magnitudes};
+use retina_radiometry::{
+    AU_M, Akimov, Hapke, Lambert, Law, LommelSeeliger, LunarLambert, Minnaert, OrenNayar, PhaseFunction,
+    Photometry, Registered, Rolo,
+};
 use retina_render::{
     BodyModel, BodyState, CpuRenderer, CpuSampling, FrameState, GpuDevice, GpuRenderer, Planes, Quality,
     RadianceImage,
@@ -18,8 +22,8 @@ const REFERENCE: CpuSampling = CpuSampling { grid: 8, refined_grid: 20, sun_poin
 const OUTLIERS: f64 = 0.015;
 
 fn lunar() -> Photometry {
-    let law = Law::LunarLambert { decay_rad: 60f64.to_radians() };
-    Photometry::new(law, PhaseFunction::Constant, Some(0.12))
+    let law = LunarLambert { decay_rad: 60f64.to_radians() };
+    Photometry::new(law, PhaseFunction::CONSTANT, Some(0.12))
 }
 
 fn model(name: &str, shape: retina_model::Body, photometry: Photometry) -> BodyModel {
@@ -96,7 +100,7 @@ fn eclipse(sun_distance_m: f64) -> (Vec<BodyModel>, FrameState) {
     let sun = DVec3::new(1.0, 0.0, 0.0);
     let far = placed(DVec3::new(-2.0e6, 0.0, 3.0e7), DQuat::IDENTITY, sun, sun_distance_m);
     let near = placed(DVec3::new(2.4e6, 0.5e6, 3.0e7), DQuat::IDENTITY, sun, sun_distance_m);
-    let lambert = Photometry::new(Law::Lambert, PhaseFunction::Constant, Some(0.2));
+    let lambert = Photometry::new(Lambert, PhaseFunction::CONSTANT, Some(0.2));
     let models = vec![model("far", sphere(1.7e6, 48), lambert), model("near", sphere(0.8e6, 32), lambert)];
     (models, FrameState { image: square_image(192, 900.0), distortion: None, bodies: vec![far, near] })
 }
@@ -127,42 +131,108 @@ fn one_bodys_penumbra_on_another() {
     assert!((compare(&reference, &unshadowed).flux_ratio - 1.0).abs() > 1e-2);
 }
 
-/// Every law through the shader against its f64 formula, on a sphere.
-#[test]
-fn every_law_in_the_shader_is_the_librarys() {
+/// One of each law, with parameters that all act, and the root mean square that f32 may differ by.
+fn every_law() -> Vec<(Law, f64)> {
     let hapke = Hapke { cboe_amplitude: 0.4, cboe_width: 0.2, porosity: 1.2, ..Hapke::lunar() };
-    let laws = [
-        ("lambert", Law::Lambert, PhaseFunction::Constant),
-        ("lommel-seeliger", Law::LommelSeeliger, PhaseFunction::Exponential { scale_rad: 0.8 }),
-        (
-            "lunar-lambert",
-            Law::LunarLambert { decay_rad: 1.0 },
-            PhaseFunction::HenyeyGreenstein { asymmetry: 0.3 },
-        ),
-        (
-            "oren-nayar",
-            Law::OrenNayar { roughness_rad: 0.4 },
-            PhaseFunction::Magnitudes { coefficients: [0.03, -1e-4, 1e-6, -1e-9] },
-        ),
-        ("hapke", Law::Hapke(hapke), PhaseFunction::Constant),
+    let rolo = Rolo {
+        surge_amplitude: 0.05,
+        surge_decay_per_deg: 0.2,
+        polynomial: [0.2, -3e-3, 2.5e-5, -1.5e-7, 4e-10],
+    };
+    let out = vec![
+        (Lambert.into(), 2e-3),
+        (LommelSeeliger.into(), 2e-3),
+        (LunarLambert { decay_rad: 1.0 }.into(), 2e-3),
+        (OrenNayar { roughness_rad: 0.4 }.into(), 2e-3),
+        // Sines and exponentials of the roughness cancel.
+        (hapke.into(), 5e-3),
+        (Minnaert { k: 0.7 }.into(), 2e-3),
+        (Akimov.into(), 2e-3),
+        (rolo.into(), 2e-3),
     ];
-    for (name, law, phase_function) in laws {
-        for phase_deg in [3.0f64, 70.0] {
-            let sun = DVec3::new(phase_deg.to_radians().sin(), 0.0, -phase_deg.to_radians().cos());
-            let body: BodyState = placed(DVec3::new(0.0, 0.0, 1.0e7), DQuat::IDENTITY, sun, AU_M);
-            let state = FrameState { image: square_image(96, 400.0), distortion: None, bodies: vec![body] };
-            let photometry = Photometry::new(law, phase_function, Some(0.15));
-            let models = vec![model(name, sphere(1.0e6, 64), photometry)];
-            let sampling = CpuSampling { grid: 4, refined_grid: 16, sun_points: 1, contrast: 0.1 };
-            let Some((reference, image)) = both(models, &state, sampling) else { return };
-            let found: Comparison = compare(&reference, &image);
-            let limit = if name == "hapke" { 5e-3 } else { 2e-3 };
-            assert!(
-                found.interior_rms < limit && found.interior_worst < 0.02,
-                "{name} at {phase_deg} deg: {found:?}"
-            );
+    let indices: Vec<u32> = out.iter().map(|(law, _): &(Law, f64)| law.index()).collect();
+    assert!(indices.into_iter().eq(0..Law::ALL.len() as u32), "a law is left out");
+    out
+}
+
+/// One of each phase function.
+fn every_phase_function() -> Vec<PhaseFunction> {
+    let out = vec![
+        PhaseFunction::CONSTANT,
+        Exponential { scale_rad: 30f64.to_radians() }.into(),
+        HenyeyGreenstein { asymmetry: 0.3 }.into(),
+        Magnitudes { coefficients: [0.03, -1e-4, 1e-6, -1e-9] }.into(),
+    ];
+    let indices: Vec<u32> = out.iter().map(PhaseFunction::index).collect();
+    assert!(indices.into_iter().eq(0..PhaseFunction::ALL.len() as u32), "a phase function is left out");
+    out
+}
+
+/// The rows of an image that belong to one of `bands`.
+fn band(image: &RadianceImage, index: usize, bands: usize) -> RadianceImage {
+    let rows = image.height_px as usize / bands;
+    let pixels = rows * image.width_px as usize;
+    let data = image
+        .data
+        .chunks_exact(image.pixels())
+        .flat_map(|plane| plane[index * pixels..(index + 1) * pixels].to_vec())
+        .collect();
+    RadianceImage { height_px: rows as u32, data, ..image.clone() }
+}
+
+/// Every law times every phase function through the shader against its f64 formula. Each image has a column of spheres,
+/// one for each phase function; the Sun stands beside the column, so that none shadows another.
+#[test]
+fn every_law_with_every_phase_function_is_the_librarys() {
+    let functions = every_phase_function();
+    let (width, focal, distance_m) = (128, 400.0, 1.0e7);
+    let band_m = f64::from(width) / functions.len() as f64 / focal * distance_m;
+    // All pairs are told, not the first wrong one alone.
+    let mut wrong = Vec::new();
+    for phase_deg in [3.0f64, 70.0] {
+        let sun = DVec3::new(phase_deg.to_radians().sin(), 0.0, -phase_deg.to_radians().cos());
+        let bodies: Vec<BodyState> = (0..functions.len())
+            .map(|i| (i as f64 + 0.5 - 0.5 * functions.len() as f64) * band_m)
+            .map(|y_m| placed(DVec3::new(0.0, y_m, distance_m), DQuat::IDENTITY, sun, AU_M))
+            .collect();
+        let state = FrameState { image: square_image(width, focal), distortion: None, bodies };
+        let sampling = CpuSampling { grid: 4, refined_grid: 16, sun_points: 1, contrast: 0.1 };
+        for (law, limit) in every_law() {
+            let models: Vec<BodyModel> = functions
+                .iter()
+                .map(|&function| {
+                    let photometry = Photometry::new(law, function, Some(0.15));
+                    model(function.name(), sphere(0.44 * band_m, 48), photometry)
+                })
+                .collect();
+            let Some((references, images)) = both(models, &state, sampling) else { return };
+            let agrees = |found: &Comparison| {
+                found.interior_pixels > 300 && found.interior_rms < limit && found.interior_worst < 0.02
+            };
+            for (i, function) in functions.iter().enumerate() {
+                let (reference, image) =
+                    (band(&references, i, functions.len()), band(&images, i, functions.len()));
+                let pair = format!("{} with {} at {phase_deg} deg", law.name(), function.name());
+                let found = compare(&reference, &image);
+                println!("{pair}: {found:?}");
+                if !agrees(&found) {
+                    wrong.push(format!("{pair}: {found:?}"));
+                }
+                // Twins: what the comparison must not let pass.
+                let louder = perturbed(&image, |image, i| 1.01 * image.radiance()[i]);
+                assert!(!agrees(&compare(&reference, &louder)), "{pair}: a gain of 1 % passed");
+                let value = function.value(phase_deg.to_radians()) as f32;
+                let without = perturbed(&image, |image, i| image.radiance()[i] / value);
+                assert!(
+                    function.index() == PhaseFunction::CONSTANT.index()
+                        || phase_deg < 60.0
+                        || !agrees(&compare(&reference, &without)),
+                    "{pair}: an image without the phase function passed"
+                );
+            }
         }
     }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 #[test]

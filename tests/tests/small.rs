@@ -2,7 +2,7 @@
 //! step shows where they grow out of the special treatment.
 
 use glam::{DQuat, DVec2, DVec3};
-use retina_radiometry::{AU_M, Law, PhaseFunction, Photometry};
+use retina_radiometry::{AU_M, LommelSeeliger, PhaseFunction, Photometry};
 use retina_render::{
     BodyModel, CpuRenderer, FrameState, GpuDevice, GpuRenderer, Planes, Quality, RadianceImage,
 };
@@ -14,7 +14,7 @@ const FOCAL_PX: f64 = 2000.0;
 const ALBEDO: f64 = 0.1;
 
 fn disc(radius_px: f64) -> BodyModel {
-    let photometry = Photometry::new(Law::LommelSeeliger, PhaseFunction::Constant, Some(ALBEDO));
+    let photometry = Photometry::new(LommelSeeliger, PhaseFunction::CONSTANT, Some(ALBEDO));
     let radius_m = radius_px / FOCAL_PX * DISTANCE_M;
     BodyModel { name: "disc".into(), shape: sphere(radius_m, 48), photometry }
 }

@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use retina_geometry::{MAX_DEGREE, term_count};
+use retina_radiometry::{LAW_PARAMETERS, PHASE_PARAMETERS};
 
 pub(crate) const NONE: u32 = u32::MAX;
 pub(crate) const FLAT: u32 = 1;
@@ -56,9 +57,8 @@ pub(crate) struct Body {
     pub phase_law: u32,
     pub factor: f32,
     pub bounding_radius_m: f32,
-    pub law_a: [f32; 4],
-    pub law_b: [f32; 4],
-    pub phase_coefficients: [f32; 4],
+    pub law_parameters: [[f32; 4]; LAW_PARAMETERS / 4],
+    pub phase_parameters: [f32; PHASE_PARAMETERS],
     pub small_disc_px: [f32; 4],
 }
 
@@ -197,9 +197,8 @@ mod tests {
                 phase_law,
                 factor,
                 bounding_radius_m,
-                law_a,
-                law_b,
-                phase_coefficients,
+                law_parameters,
+                phase_parameters,
                 small_disc_px,
             }
         );

@@ -1,7 +1,7 @@
 //! A frame's state as the shaders read it, computed in f64 and rounded once.
 
 use glam::{DMat3, DVec2, DVec3};
-use retina_radiometry::{Law, PhaseFunction, Photometry, sun_angular_radius_rad, sun_irradiance_w_m2_nm};
+use retina_radiometry::{Photometry, sun_angular_radius_rad, sun_irradiance_w_m2_nm};
 
 use super::horizon::PATCH;
 use super::layout::{Body, DISTORTION_ENTRIES, Frame};
@@ -145,42 +145,10 @@ fn shadow_casters(state: &FrameState, ranges: &[BodyRange], receiver: &BodyState
 
 fn set_photometry(out: &mut Body, photometry: &Photometry) {
     out.factor = photometry.factor as f32;
-    match photometry.phase_function {
-        PhaseFunction::Constant => out.phase_law = 0,
-        PhaseFunction::Exponential { scale_rad } => {
-            out.phase_law = 1;
-            out.phase_coefficients[0] = scale_rad as f32;
-        }
-        PhaseFunction::HenyeyGreenstein { asymmetry } => {
-            out.phase_law = 2;
-            out.phase_coefficients[0] = asymmetry as f32;
-        }
-        PhaseFunction::Magnitudes { coefficients } => {
-            out.phase_law = 3;
-            out.phase_coefficients = coefficients.map(|c| c as f32);
-        }
-    }
-    match photometry.law {
-        Law::Lambert => out.law = 0,
-        Law::LommelSeeliger => out.law = 1,
-        Law::LunarLambert { decay_rad } => {
-            out.law = 2;
-            out.law_a[0] = decay_rad as f32;
-        }
-        Law::OrenNayar { roughness_rad } => {
-            let s2 = roughness_rad * roughness_rad;
-            let (a, b) = (1.0 - 0.5 * s2 / (s2 + 0.33), 0.45 * s2 / (s2 + 0.09));
-            out.law = 3;
-            out.law_a[0] = (b / a) as f32;
-        }
-        Law::Hapke(h) => {
-            out.law = 4;
-            out.law_a =
-                [h.single_scattering_albedo, h.lobe_width, h.lobe_weight, h.shoe_amplitude].map(|v| v as f32);
-            out.law_b = [h.shoe_width, h.cboe_amplitude, h.cboe_width, h.roughness_rad].map(|v| v as f32);
-            out.phase_coefficients[3] = h.porosity as f32;
-        }
-    }
+    out.law = photometry.law.index();
+    out.law_parameters = bytemuck::cast(photometry.law.shader_parameters());
+    out.phase_law = photometry.phase_function.index();
+    out.phase_parameters = photometry.phase_function.shader_parameters();
 }
 
 /// The rectangle that holds the projections of all bodies' bounding spheres; the whole image

@@ -4,7 +4,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use retina_geometry::Pinhole;
 use retina_model::{BuildSpec, build_body, load_body};
-use retina_radiometry::{AU_M, Law, PhaseFunction, Photometry};
+use retina_radiometry::{AU_M, Lambert, PhaseFunction, Photometry};
 
 use super::layout::Chunk;
 use super::*;
@@ -40,7 +40,7 @@ fn sphere() -> BodyModel {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("sphere.glb");
     std::fs::write(&path, build_body(&spec).unwrap().glb).unwrap();
-    let photometry = Photometry::new(Law::Lambert, PhaseFunction::Constant, Some(0.1));
+    let photometry = Photometry::new(Lambert, PhaseFunction::CONSTANT, Some(0.1));
     BodyModel { name: "sphere".into(), shape: load_body(&path).unwrap(), photometry }
 }
 

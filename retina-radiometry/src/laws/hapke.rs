@@ -2,10 +2,18 @@
 
 use std::f64::consts::PI;
 
-use crate::Geometry;
+use crate::registry::padded;
+use crate::{Definition, Geometry, Key, LAW_PARAMETERS, Reflectance};
 
 /// Parameters of Hapke's model as in "Theory of Reflectance and Emittance Spectroscopy", 2nd ed.
 /// (Hapke 2012): both opposition effects, macroscopic roughness, porosity.
+///
+/// I/F = pi r with r = K w/(4 pi) mu0e/(mu0e + mue) [p(g) (1 + B_S) + H(mu0e/K) H(mue/K) - 1] (1 + B_C) S (Hapke 2012,
+/// eq. 12.55 with 9.47).
+///
+/// Keys, with [`Hapke::lunar`] by default: `single_scattering_albedo` (1e-6 to 1; else found from the normal albedo),
+/// `lobe_width` (0 to 0.999), `lobe_weight` (-1 to 1), `shoe_amplitude` (0 to 100), `shoe_width` (1e-6 to 10),
+/// `cboe_amplitude` (0 to 100), `cboe_width` (1e-6 to 10), `roughness_deg` (0 to 60), `porosity` (0.001 to 10).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hapke {
     /// Single-scattering albedo w, 0..1.
@@ -28,10 +36,12 @@ pub struct Hapke {
     pub porosity: f64,
 }
 
+const LUNAR: Hapke = Hapke::lunar();
+
 impl Hapke {
     /// The lunar set that ABRAM uses (b 0.25, c 0.3, B_S0 2.2, h_S 0.07, roughness 0.4129 rad,
     /// no coherent backscatter), with w such that I/F at normal is near 0.12.
-    pub fn lunar() -> Self {
+    pub const fn lunar() -> Self {
         Self {
             single_scattering_albedo: 0.21,
             lobe_width: 0.25,
@@ -43,29 +53,6 @@ impl Hapke {
             roughness_rad: 0.4129,
             porosity: 1.0,
         }
-    }
-
-    /// I/F = pi r with r = K w/(4 pi) mu0e/(mu0e + mue) [p(g) (1 + B_S) + H(mu0e/K) H(mue/K) - 1]
-    /// (1 + B_C) S (Hapke 2012, eq. 12.55 with 9.47). `geometry.mu0` and `.mu` must be positive.
-    pub fn radiance_factor(&self, geometry: Geometry) -> f64 {
-        let g = geometry.phase_rad;
-        let (mu0e, mue, shadowing) = self.roughness(geometry);
-        let tan_half = (g / 2.0).tan();
-        let w = self.single_scattering_albedo;
-        let b = self.lobe_width;
-        let lobe = |cosine: f64| (1.0 - b * b) / (1.0 - 2.0 * b * cosine + b * b).powf(1.5);
-        let p =
-            0.5 * (1.0 + self.lobe_weight) * lobe(g.cos()) + 0.5 * (1.0 - self.lobe_weight) * lobe(-g.cos());
-        let shoe = self.shoe_amplitude / (1.0 + tan_half / self.shoe_width);
-        let x = tan_half / self.cboe_width;
-        // (1 - exp(-x)) / x tends to 1 at opposition.
-        let decay = if x > 1e-8 { -(-x).exp_m1() / x } else { 1.0 };
-        let cboe = self.cboe_amplitude * 0.5 * (1.0 + decay) / (1.0 + x).powi(2);
-        let multiple = self.h(mu0e / self.porosity) * self.h(mue / self.porosity) - 1.0;
-        self.porosity * w / 4.0 * mu0e / (mu0e + mue)
-            * (p * (1.0 + shoe) + multiple)
-            * (1.0 + cboe)
-            * shadowing
     }
 
     /// Chandrasekhar's H function, approximation of Hapke (2002), within 1 %:
@@ -117,10 +104,75 @@ impl Hapke {
     }
 }
 
+impl Definition for Hapke {
+    const KEYS: &'static [Key] = &[
+        Key::from_normal_albedo("single_scattering_albedo", "single-scattering albedo", [1e-6, 1.0]),
+        Key::or("lobe_width", "lobe width", [0.0, 0.999], LUNAR.lobe_width),
+        Key::or("lobe_weight", "lobe weight", [-1.0, 1.0], LUNAR.lobe_weight),
+        Key::or("shoe_amplitude", "amplitude of shadow hiding", [0.0, 100.0], LUNAR.shoe_amplitude),
+        Key::or("shoe_width", "width of shadow hiding", [1e-6, 10.0], LUNAR.shoe_width),
+        Key::or("cboe_amplitude", "amplitude of coherent backscatter", [0.0, 100.0], LUNAR.cboe_amplitude),
+        Key::or("cboe_width", "width of coherent backscatter", [1e-6, 10.0], LUNAR.cboe_width),
+        Key::or("roughness_deg", "mean slope angle", [0.0, 60.0], LUNAR.roughness_rad.to_degrees()),
+        Key::or("porosity", "porosity factor", [1e-3, 10.0], LUNAR.porosity),
+    ];
+
+    fn from_values(values: &[f64]) -> Self {
+        Self {
+            single_scattering_albedo: values[0],
+            lobe_width: values[1],
+            lobe_weight: values[2],
+            shoe_amplitude: values[3],
+            shoe_width: values[4],
+            cboe_amplitude: values[5],
+            cboe_width: values[6],
+            roughness_rad: values[7].to_radians(),
+            porosity: values[8],
+        }
+    }
+}
+
+impl Reflectance for Hapke {
+    fn radiance_factor(&self, geometry: Geometry) -> f64 {
+        let g = geometry.phase_rad;
+        let (mu0e, mue, shadowing) = self.roughness(geometry);
+        let tan_half = (g / 2.0).tan();
+        let w = self.single_scattering_albedo;
+        let b = self.lobe_width;
+        let lobe = |cosine: f64| (1.0 - b * b) / (1.0 - 2.0 * b * cosine + b * b).powf(1.5);
+        let p =
+            0.5 * (1.0 + self.lobe_weight) * lobe(g.cos()) + 0.5 * (1.0 - self.lobe_weight) * lobe(-g.cos());
+        let shoe = self.shoe_amplitude / (1.0 + tan_half / self.shoe_width);
+        let x = tan_half / self.cboe_width;
+        // (1 - exp(-x)) / x tends to 1 at opposition.
+        let decay = if x > 1e-8 { -(-x).exp_m1() / x } else { 1.0 };
+        let cboe = self.cboe_amplitude * 0.5 * (1.0 + decay) / (1.0 + x).powi(2);
+        let multiple = self.h(mu0e / self.porosity) * self.h(mue / self.porosity) - 1.0;
+        self.porosity * w / 4.0 * mu0e / (mu0e + mue)
+            * (p * (1.0 + shoe) + multiple)
+            * (1.0 + cboe)
+            * shadowing
+    }
+
+    fn shader_parameters(&self) -> [f32; LAW_PARAMETERS] {
+        padded([
+            self.single_scattering_albedo,
+            self.lobe_width,
+            self.lobe_weight,
+            self.shoe_amplitude,
+            self.shoe_width,
+            self.cboe_amplitude,
+            self.cboe_width,
+            self.roughness_rad,
+            self.porosity,
+        ])
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Law, PhaseFunction, Photometry};
+    use crate::{PhaseFunction, Photometry};
 
     /// Isotropic scatterers without opposition effects or roughness.
     fn isotropic(w: f64) -> Hapke {
@@ -137,7 +189,7 @@ mod tests {
     #[test]
     fn conservative_scatterers_return_all_the_light() {
         // w = 1: the hemispherical reflectance is exactly 1; two approximate H of 1 % each enter it.
-        let white = Photometry::new(Law::Hapke(isotropic(1.0)), PhaseFunction::Constant, None);
+        let white = Photometry::new(isotropic(1.0), PhaseFunction::CONSTANT, None);
         for mu0 in [0.2, 0.6, 1.0] {
             assert!((white.hemispherical_reflectance(mu0) - 1.0).abs() < 0.02);
         }
@@ -149,7 +201,7 @@ mod tests {
         // the difference 1 - gamma H magnifies it.
         for w in [0.1, 0.5, 0.9] {
             let hapke = isotropic(w);
-            let photometry = Photometry::new(Law::Hapke(hapke), PhaseFunction::Constant, None);
+            let photometry = Photometry::new(hapke, PhaseFunction::CONSTANT, None);
             for mu0 in [0.3, 0.8] {
                 let closed = 1.0 - (1.0 - w).sqrt() * hapke.h(mu0);
                 let integral = photometry.hemispherical_reflectance(mu0);
