@@ -195,7 +195,8 @@ fn every_law_with_every_phase_function_is_the_librarys() {
             .map(|y_m| placed(DVec3::new(0.0, y_m, distance_m), DQuat::IDENTITY, sun, AU_M))
             .collect();
         let state = FrameState { image: square_image(width, focal), distortion: None, bodies };
-        let sampling = CpuSampling { grid: 4, refined_grid: 16, sun_points: 1, contrast: 0.1 };
+        // Pixels on edges are not compared: they need no finer grid.
+        let sampling = CpuSampling { grid: 4, refined_grid: 4, sun_points: 1, contrast: 0.1 };
         for (law, limit) in every_law() {
             let models: Vec<BodyModel> = functions
                 .iter()
