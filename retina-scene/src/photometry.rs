@@ -265,7 +265,7 @@ mod tests {
             ("normal_albedo = 0.1\nmodel = 'minaert'", 2, 9, "minaert", Some("minnaert")),
             ("model = 'minnaert'\nk = 'x'", 2, 5, "expected a number", None),
             ("model = 'rolo'\npolynomial = [1, 2]", 2, 14, "a list of 5", None),
-            ("phase_function = { kind = 'henyey' }", 1, 27, "henyey", Some("henyey-greenstein")),
+            ("phase_function = { kind = 'magnitude' }", 1, 27, "`magnitude`", Some("magnitudes")),
             ("phase_function = { kind = 'exponential', scale = 1 }", 1, 42, "scale", Some("scale_deg")),
             ("normal_albedo = 0.1", 1, 1, "missing field `model`", None),
         ] {
