@@ -8,7 +8,7 @@ use common::response::response;
 use common::{ARCSEC, Facility, LIKELY, l_of, wide};
 use glam::DVec2;
 use retina_calibration::geometry::{CalibrateOptions, ModelForm, calibrate, to_json, write_calibration};
-use retina_formats::{Calibration, Channel, PointsTable, log10_irradiance};
+use retina_formats::{Calibration, CalibrationFile, Channel, PointsTable, log10_irradiance};
 use retina_geometry::Setup;
 
 /// Worst distance over the camera's field between what D^-1 says and the screen's true line of sight, arcsec.
@@ -132,6 +132,14 @@ fn a_measured_response_says_how_bright_the_points_were() {
     let error = write_calibration(&path, &plain, &table, &setup).unwrap_err().to_string();
     assert!(error.contains("a response that the fit did not take"), "{error}");
     assert_eq!(std::fs::read(&path).unwrap(), bytes);
+    // Nor may another response come later: the points' D^-1 depends on L.
+    assert!(result.form.irradiance_power > 0, "{:?}", result.form);
+    let mut file = CalibrationFile::read(&path, &setup).unwrap();
+    let held = file.response.clone();
+    let error = file.set_response(response(&setup, 2.2).record, &path, &setup).unwrap_err().to_string();
+    assert!(error.contains("was fitted by another response"), "{error}");
+    assert_eq!(file.response, held);
+    file.set_response(response(&setup, 1.81).record, &path, &setup).unwrap();
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod command;
 mod failure;
 mod output;
 mod progress;
+mod setup;
 
 use std::process::ExitCode;
 

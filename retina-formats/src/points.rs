@@ -156,7 +156,7 @@ impl PointsTable {
     }
 
     /// Refuses points that cannot have been measured with `setup`: a table that names another setup, centroids beside
-    /// the sensor, places beside the screen.
+    /// the sensor.
     ///
     /// # Errors
     /// As said, with the row.
@@ -164,44 +164,57 @@ impl PointsTable {
         for file in &self.files {
             file.setup.as_ref().map_or(Ok(()), |stamp| stamp.check(&file.path, setup))?;
         }
-        let size = |width: u32, height: u32| DVec2::new(f64::from(width), f64::from(height));
-        let (camera, screen) = (&setup.camera, &setup.screen);
-        let (sensor_px, screen_px) =
-            (size(camera.width_px, camera.height_px), size(screen.width_px, screen.height_px));
-        let outside = |place: DVec2, size: DVec2, edge: f64| {
-            let beyond = |k: usize| place[k] < -edge * size[k] || place[k] > (1.0 + edge) * size[k];
-            (0..2).find(|&k| beyond(k))
-        };
+        let sensor_px = DVec2::new(f64::from(setup.camera.width_px), f64::from(setup.camera.height_px));
+        let columns = ["camera_x_px", "camera_y_px"];
+        self.check_within(
+            |row| row.camera_px,
+            sensor_px,
+            EDGE_SHARE,
+            "the centroid lies outside the sensor",
+            columns,
+            setup,
+        )
+    }
+
+    /// Refuses points that were not on the screen.
+    ///
+    /// # Errors
+    /// As said, with the row.
+    pub fn check_on_screen(&self, setup: &Setup) -> Result<(), InputError> {
+        let screen_px = DVec2::new(f64::from(setup.screen.width_px), f64::from(setup.screen.height_px));
+        let columns = ["screen_x_px", "screen_y_px"];
+        self.check_within(
+            |row| row.screen_px,
+            screen_px,
+            0.0,
+            "the point lies outside the screen",
+            columns,
+            setup,
+        )
+    }
+
+    /// `edge` is the share of a side by which a place may lie beyond it.
+    fn check_within(
+        &self,
+        place: impl Fn(&PointRow) -> DVec2,
+        size_px: DVec2,
+        edge: f64,
+        problem: &str,
+        columns: [&str; 2],
+        setup: &Setup,
+    ) -> Result<(), InputError> {
         for row in &self.rows {
-            let checks = [
-                (
-                    "the centroid lies outside the sensor",
-                    row.camera_px,
-                    sensor_px,
-                    EDGE_SHARE,
-                    ["camera_x_px", "camera_y_px"],
-                ),
-                (
-                    "the point lies outside the screen",
-                    row.screen_px,
-                    screen_px,
-                    0.0,
-                    ["screen_x_px", "screen_y_px"],
-                ),
-            ];
-            for (problem, place, size, edge, columns) in checks {
-                if let Some(axis) = outside(place, size, edge) {
-                    return Err(self
-                        .refused(row, problem, columns[axis])
-                        .found(place[axis])
-                        .expected(format!(
-                            "0 to {}, for setup `{}` ({} x {} px)",
-                            size[axis], setup.name, size.x, size.y
-                        ))
-                        .help(
-                            "is it the setup that was measured? Columns may also be in each other's places",
-                        ));
-                }
+            let at = place(row);
+            let beyond = |k: &usize| at[*k] < -edge * size_px[*k] || at[*k] > (1.0 + edge) * size_px[*k];
+            if let Some(axis) = (0..2).find(beyond) {
+                return Err(self
+                    .refused(row, problem, columns[axis])
+                    .found(at[axis])
+                    .expected(format!(
+                        "0 to {}, for setup `{}` ({} x {} px)",
+                        size_px[axis], setup.name, size_px.x, size_px.y
+                    ))
+                    .help("is it the setup that was measured? Columns may also be in each other's places"));
             }
         }
         Ok(())

@@ -183,7 +183,7 @@ pub fn calibrate(
     let reference = inverse.at(inverse.reference_log10_irradiance);
     let direct = direct::fit(&reference, &setup.facility_pinhole(), field).ok_or_else(|| {
         InputError::new(&file, "the mapping found cannot be inverted over the screen")
-            .help("the points do not cover the screen: add some near its edges, or give a lower --degree")
+            .help("are the points shifted, or do they leave the screen's edges uncovered? Add some there")
     })?;
     let heldout =
         heldout_residuals(&observations, &groups, &fit, &scaling, &weights).ok_or_else(undetermined)?;
@@ -240,7 +240,7 @@ fn warnings(inverse: &InverseDistortion, setup: &Setup) -> Vec<String> {
     }
     vec![format!(
         "the screen shows lines of sight at {scale:.4} times the scale of setup `{}`: K_f is {:.1} % off. Is it the setup \
-         of these points (camera, focal length, pixel pitch, observed_rows_px)?",
+         of these points (screen, observed_rows_px)? A wrong focal length or pixel pitch does not show here: K_f follows them",
         setup.name,
         100.0 * (1.0 - scale).abs()
     )]

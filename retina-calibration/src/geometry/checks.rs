@@ -55,7 +55,8 @@ pub(crate) fn check(
     }
     check_similarity(&file, observations)?;
     // Last: a table whose columns are swapped lies outside the sensor, too, and was named above.
-    table.check_setup(setup)
+    table.check_setup(setup)?;
+    table.check_on_screen(setup)
 }
 
 /// Extent of points across their main direction over that along it.

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use retina_calibration::geometry::{Pattern, PatternOptions};
 use retina_formats::Channel;
-use retina_geometry::Setup;
 use serde_json::json;
 
 use super::calibrate::measured_response;
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
+use crate::setup::read_setup;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -51,7 +51,7 @@ enum ChannelName {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let setup = Setup::read(&arguments.setup)?;
+    let setup = read_setup(&arguments.setup)?;
     let options = PatternOptions {
         points: arguments.points,
         screens: arguments.screens.map(usize::from),

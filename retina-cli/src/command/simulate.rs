@@ -9,13 +9,13 @@ use retina_campaign::{
 };
 use retina_files::{InputError, write_atomic};
 use retina_formats::{Calibration, Channel, TableKind};
-use retina_geometry::Setup;
 use retina_image::Centroid;
 use serde_json::{Value, json};
 
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines, tell};
 use crate::progress::counter;
+use crate::setup::read_setup;
 
 mod sky;
 
@@ -231,7 +231,7 @@ fn positive(flag: &str, value: f64) -> Result<f64, Failure> {
 
 impl Common {
     fn facility(&self, table: TableKind, length_s: f64) -> Result<Facility, Failure> {
-        let setup = Setup::read(&self.setup)?;
+        let setup = read_setup(&self.setup)?;
         let effects: Vec<Effect> =
             self.effects.iter().map(|text| Effect::parse(text)).collect::<Result<_, _>>()?;
         let facility = Facility::new(&setup, &effects, table, length_s, self.seed)?;
@@ -320,7 +320,7 @@ fn power(arguments: &PowerArguments) -> Result<(), Failure> {
         options.counts = arguments.counts.clone();
     }
     let common = &arguments.common;
-    let setup = Setup::read(&common.setup)?;
+    let setup = read_setup(&common.setup)?;
     let most = setup.screen.width_px.min(setup.screen.height_px);
     if let Some(found) = options.squares_px.iter().find(|square| **square > most) {
         return Err(InputError::new(Path::new("--squares"), "the square is larger than the screen")

@@ -4,11 +4,12 @@ use std::path::PathBuf;
 
 use retina_batch::warp_file;
 use retina_formats::Calibration;
-use retina_geometry::{Setup, WarpDirection};
+use retina_geometry::WarpDirection;
 use serde_json::json;
 
 use crate::failure::Failure;
 use crate::output::{print_json, tell};
+use crate::setup::read_setup;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -41,7 +42,7 @@ enum Direction {
 
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     crate::check_target(&arguments.out)?;
-    let setup = Setup::read(&arguments.setup)?;
+    let setup = read_setup(&arguments.setup)?;
     let calibration = Calibration::read(&arguments.calibration, &setup)?;
     let (direction, name) = match arguments.direction {
         Direction::Upstream => (WarpDirection::Upstream, "upstream"),

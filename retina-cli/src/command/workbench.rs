@@ -10,6 +10,7 @@ use retina_geometry::Setup;
 use retina_report::Section;
 
 use crate::failure::Failure;
+use crate::setup::read_setup;
 
 #[derive(clap::Args)]
 pub(crate) struct Input {
@@ -94,7 +95,7 @@ impl Input {
                     .into());
             }
         };
-        let setup = Setup::read(&self.setup)?;
+        let setup = read_setup(&self.setup)?;
         let calibration =
             self.calibration.as_ref().map(|path| Calibration::read(path, &setup)).transpose()?;
         let source =
@@ -114,7 +115,7 @@ impl Input {
             .into());
         }
         let kind = self.calibrated()?;
-        let setup = Setup::read(&self.setup)?;
+        let setup = read_setup(&self.setup)?;
         let path = |of: Calibrated| self.calibration.as_ref().filter(|_| kind == of);
         let calibration =
             path(Calibrated::Geometry).map(|path| Calibration::read(path, &setup)).transpose()?;

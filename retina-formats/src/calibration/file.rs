@@ -5,9 +5,15 @@ use std::path::Path;
 
 use retina_files::{InputError, read_schema, write_atomic};
 use retina_geometry::Setup;
+use retina_radiometry::ScreenResponse;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
+use super::response::{MeasuredResponse, measured_or_power_law};
+use crate::channel::{Channel, log10_irradiance};
+
+/// A response may move L by this much where D^-1 depends on L: a twentieth of the calibrated range.
+const MOST_L_MOVED: f64 = 0.1;
 /// Schema of the file.
 const SCHEMA: &str = "retina.calibration/1";
 
@@ -188,6 +194,43 @@ impl CalibrationFile {
             return Ok(Self::new(setup));
         }
         Self::read(path, setup)
+    }
+
+    /// Puts a response into the file. D^-1(r, L) was fitted with L by the response that held then, so that another one
+    /// would have it read at the wrong irradiance.
+    ///
+    /// # Errors
+    /// D^-1 depends on L, and L by this response differs by more than 0.1 from L by which it was fitted.
+    pub fn set_response(
+        &mut self,
+        record: ResponseRecord,
+        path: &Path,
+        setup: &Setup,
+    ) -> Result<(), InputError> {
+        let curve = |file: &Self| {
+            let measured = MeasuredResponse::of_file(file, path, setup)?;
+            Ok::<_, InputError>(measured_or_power_law(measured.as_ref().map(|m| &m.curve), setup))
+        };
+        let before = curve(self)?;
+        let old = self.response.replace(record);
+        let after = curve(self)?;
+        let depends =
+            self.inverse.as_ref().is_some_and(|inverse| inverse.terms.iter().any(|term| term.2 > 0.0));
+        let l =
+            |response: &ScreenResponse, count: u8| log10_irradiance(response, Channel::W, f64::from(count));
+        let moved = (4..=255).map(|count| (l(&after, count) - l(&before, count)).abs()).fold(0.0, f64::max);
+        if depends && moved > MOST_L_MOVED {
+            self.response = old;
+            return Err(InputError::new(path, "the geometry in this file was fitted by another response")
+                .at("table `inverse`")
+                .found(format!("log10 of the irradiance moves by up to {moved:.2}"))
+                .expected(format!("at most {MOST_L_MOVED}"))
+                .help(
+                    "give --out another name, then run `retina calibrate geometry --response` with it: D^-1 depends on \
+                     the irradiance by the response",
+                ));
+        }
+        Ok(())
     }
 
     /// The numbers in `[provenance]` by which a reader sees whether the setup was changed since.

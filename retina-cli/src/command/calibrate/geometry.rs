@@ -13,6 +13,7 @@ use serde_json::json;
 
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines, tell};
+use crate::setup::read_setup;
 
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("input").required(true).args(["data", "images"]))]
@@ -97,7 +98,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         ],
         Some(&arguments.out),
     )?;
-    let setup = Setup::read(&arguments.setup)?;
+    let setup = read_setup(&arguments.setup)?;
     let (table, reports) = points(arguments, &setup)?;
     let options = CalibrateOptions {
         plain: arguments.plain,

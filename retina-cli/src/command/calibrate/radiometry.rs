@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, write_atomic};
 use retina_formats::{CalibrationFile, PowerTable};
-use retina_geometry::Setup;
 use retina_response::{Calibrated, PowerReadings, figures, json_document, report_page, summary};
 
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines, tell};
+use crate::setup::read_setup;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -48,11 +48,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let inputs = arguments.data.iter().chain([&arguments.setup]).chain(&arguments.for_setup);
     crate::check_apart(inputs, [arguments.out.as_ref(), arguments.report.as_ref()], None)?;
-    let measured = Setup::read(&arguments.setup)?;
+    let measured = read_setup(&arguments.setup)?;
     let table = PowerTable::read(&arguments.data)?;
     table.check_setup(&measured)?;
     let mut calibrated = Calibrated::fit(&measured, PowerReadings::of(&table)?)?;
-    let other = arguments.for_setup.as_deref().map(Setup::read).transpose()?;
+    let other = arguments.for_setup.as_deref().map(read_setup).transpose()?;
     if let Some(other) = &other {
         calibrated = calibrated.for_setup(&measured, other)?;
     }
@@ -65,7 +65,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let text = summary(&calibrated, setup);
     if let Some(out) = &arguments.out {
         let mut file = CalibrationFile::read_or_new(out, setup)?;
-        file.response = Some(calibrated.record(&measured));
+        file.set_response(calibrated.record(&measured), out, setup)?;
         file.write(out)?;
     }
     if let Some(report) = &arguments.report {

@@ -19,6 +19,7 @@ use serde_json::{Value, json};
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
 use crate::progress::counter;
+use crate::setup::read_setup;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -177,7 +178,7 @@ impl Arguments {
         let Some(path) = &self.setup else {
             return Err(Failure::new("the field of view is not known: give --setup or --fov-deg"));
         };
-        let setup = Setup::read(path)?;
+        let setup = read_setup(path)?;
         let calibration =
             self.calibration.as_ref().map(|path| Calibration::read(path, &setup)).transpose()?;
         Ok(Optics::Setup(Box::new(setup), calibration))
