@@ -3,7 +3,9 @@
 //! The photometric laws and phase functions are retina-radiometry's: their sources are put in, and the two functions
 //! that choose among them are generated from its registers.
 
-use retina_radiometry::{Law, PhaseFunction, Registered};
+use std::collections::BTreeSet;
+
+use retina_radiometry::{Law, PhaseFunction, Photometry, Registered};
 
 const TYPES: &str = include_str!("shared/types.wgsl");
 const CAMERA: &str = include_str!("shared/camera.wgsl");
@@ -24,49 +26,77 @@ pub fn visibility() -> String {
     module(&["enable primitive_index;\n", TYPES, CAMERA, include_str!("visibility.wgsl")])
 }
 
-fn shading(stage: &str) -> String {
-    let laws = chooser::<Law>("law_value", "law", &["mu0", "mu", "phase", "cos_phase"]);
-    let phase_functions = chooser::<PhaseFunction>("phase_value", "phase_law", &["phase", "cos_phase"]);
+/// The laws and phase functions that a stage can evaluate. Software drivers run every branch of a choice for every
+/// sample, so a scene's shaders hold those of its bodies alone.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Kinds {
+    /// Indices in the register of laws.
+    laws: BTreeSet<usize>,
+    /// Indices in the register of phase functions.
+    phase_functions: BTreeSet<usize>,
+}
+
+impl Kinds {
+    /// All that are registered.
+    pub fn all() -> Self {
+        Self { laws: (0..Law::ALL.len()).collect(), phase_functions: (0..PhaseFunction::ALL.len()).collect() }
+    }
+
+    /// Those of these bodies.
+    pub fn of<'a>(photometries: impl IntoIterator<Item = &'a Photometry>) -> Self {
+        let (laws, phase_functions) = photometries
+            .into_iter()
+            .map(|photometry| (photometry.law.index() as usize, photometry.phase_function.index() as usize))
+            .unzip();
+        Self { laws, phase_functions }
+    }
+}
+
+fn shading(stage: &str, kinds: &Kinds) -> String {
+    let laws = chooser::<Law>("law_value", "law", &["mu0", "mu", "phase", "cos_phase"], &kinds.laws);
+    let phase_functions =
+        chooser::<PhaseFunction>("phase_value", "phase_law", &["phase", "cos_phase"], &kinds.phase_functions);
     let photometry = [PHOTOMETRY, &laws, &phase_functions].concat();
     module(&[TYPES, CAMERA, INTERSECT, &photometry, TEXTURE, SURFACE, OUTPUT, stage])
 }
 
-/// The WGSL of every kind in a register, and a function that calls the one that `field` of the body numbers.
-fn chooser<T: Registered>(function: &str, field: &str, arguments: &[&str]) -> String {
-    let sources: String = T::ALL.iter().map(|kind| format!("\n{}", kind.wgsl)).collect();
+/// The WGSL of these kinds of a register, and a function that calls the one that `field` of the body numbers.
+fn chooser<T: Registered>(
+    function: &str,
+    field: &str,
+    arguments: &[&str],
+    kinds: &BTreeSet<usize>,
+) -> String {
+    let sources: String = kinds.iter().map(|&index| format!("\n{}", T::ALL[index].wgsl)).collect();
     let parameters: String = arguments.iter().map(|name| format!(", {name}: f32")).collect();
     let passed: String = arguments.iter().map(|name| format!(", {name}")).collect();
-    let cases: String = T::ALL
-        .iter()
-        .enumerate()
-        .map(|(index, kind)| {
-            format!("        case {index}u: {{ return {}(body{passed}); }}\n", kind.function)
-        })
-        .collect();
-    format!(
-        "{sources}
-fn {function}(body: u32{parameters}) -> f32 {{
-    switch bodies[body].{field} {{
-{cases}        default: {{ return 0.0; }}
-    }}
-}}
-"
-    )
+    let value = |index: usize| format!("return {}(body{passed});", T::ALL[index].function);
+    let choice = match kinds.first() {
+        Some(&only) if kinds.len() == 1 => value(only),
+        _ => {
+            let cases: String = kinds
+                .iter()
+                .map(|&index| format!("        case {index}u: {{ {} }}\n", value(index)))
+                .collect();
+            format!("switch bodies[body].{field} {{\n{cases}        default: {{ return 0.0; }}\n    }}")
+        }
+    };
+    format!("{sources}\nfn {function}(body: u32{parameters}) -> f32 {{\n    {choice}\n}}\n")
 }
 
 /// Shades the samples, and lists the pixels that need rays.
-pub fn shade() -> String {
-    shading(include_str!("shade.wgsl"))
+pub fn shade(kinds: &Kinds) -> String {
+    shading(include_str!("shade.wgsl"), kinds)
 }
 
 /// Samples the listed pixels anew by rays.
-pub fn refine() -> String {
-    shading(include_str!("refine.wgsl"))
+pub fn refine(kinds: &Kinds) -> String {
+    shading(include_str!("refine.wgsl"), kinds)
 }
 
 /// Plans the dispatches of `refine`.
-pub fn refine_plan() -> String {
-    shading(include_str!("refine_plan.wgsl"))
+pub fn refine_plan(kinds: &Kinds) -> String {
+    shading(include_str!("refine_plan.wgsl"), kinds)
 }
 
 /// Resamples the radiance through the distortion D.
@@ -76,6 +106,7 @@ pub fn warp() -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::Kinds;
     use naga::valid::{Capabilities, ValidationFlags, Validator};
     use retina_radiometry::{Kind, Law, PhaseFunction, Registered};
 
@@ -99,7 +130,7 @@ mod tests {
 
     #[test]
     fn every_law_and_phase_function_has_a_valid_wgsl_function() {
-        for source in [super::shade(), super::refine()] {
+        for source in [super::shade(&Kinds::all()), super::refine(&Kinds::all())] {
             let module = naga::front::wgsl::parse_str(&source)
                 .unwrap_or_else(|error| panic!("{}", error.emit_to_string(&source)));
             let capabilities = Capabilities::PRIMITIVE_INDEX | Capabilities::SHADER_FLOAT16_IN_FLOAT32;
@@ -115,13 +146,15 @@ mod tests {
 
     #[test]
     fn every_permutation_of_every_shader_is_valid() {
-        for (name, source) in [
-            ("visibility", super::visibility()),
-            ("shade", super::shade()),
-            ("refine", super::refine()),
-            ("refine_plan", super::refine_plan()),
-            ("warp", super::warp()),
-        ] {
+        let none = Kinds { laws: [].into(), phase_functions: [].into() };
+        let one = Kinds { laws: [4].into(), phase_functions: [1].into() };
+        let mut sources = vec![("visibility", super::visibility()), ("warp", super::warp())];
+        for kinds in [Kinds::all(), none, one] {
+            sources.push(("shade", super::shade(&kinds)));
+            sources.push(("refine", super::refine(&kinds)));
+            sources.push(("refine_plan", super::refine_plan(&kinds)));
+        }
+        for (name, source) in sources {
             let module = naga::front::wgsl::parse_str(&source)
                 .unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(&source)));
             let capabilities = Capabilities::PRIMITIVE_INDEX | Capabilities::SHADER_FLOAT16_IN_FLOAT32;

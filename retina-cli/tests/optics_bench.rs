@@ -141,12 +141,12 @@ fn options_that_mean_nothing_are_refused() {
         refused(&["spots", "reference-1.3fc-wide", "--scale", scale], "above 0");
     }
     for gap in ["nan", "-3"] {
-        refused(&["tolerance", "reference-1.3fc-wide", "--gap-um", gap], "0 or more");
+        refused(&["tolerance", "reference-1.3fc-wide", "--gap-um", gap], "from 0 to 100000");
     }
     refused(&["layout", "reference-1.3fc-wide", "--svg", "layout.png"], "`.svg`");
     refused(&["layout", "reference-1.3fc-wide", "--png", "layout.svg"], "`.png`");
     refused(&["layout", "reference-1.3fc-wide"], "--svg FILE");
-    refused(&["tolerance", "reference-1.3fc-wide", "--gap-um", "1e9"], "at most 100000");
+    refused(&["tolerance", "reference-1.3fc-wide", "--gap-um", "1e9"], "from 0 to 100000");
     refused(&["trace", "reference-1.3fc-wide", "--pupil", "2,2"], "outside the pupil");
     refused(&["trace", "reference-1.3fc-wide", "--field", "0,1e5"], "at most 1e2");
     refused(&["constraints", "--f-c", "1e9", "--f-r", "82.8"], "longer than any bench");

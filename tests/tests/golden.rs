@@ -35,9 +35,9 @@ fn both(
     models: Vec<BodyModel>,
     state: &FrameState,
     sampling: CpuSampling,
+    quality: Quality,
 ) -> Option<(RadianceImage, RadianceImage)> {
     let gpu = GpuDevice::open_for_test()?;
-    let quality = Quality::Best;
     let mut renderer =
         GpuRenderer::new(gpu, models.clone(), quality, Planes::Layers).expect("the bodies fit");
     renderer.start(state).expect("the frame starts");
@@ -57,7 +57,9 @@ fn moon_close_up() -> FrameState {
 #[test]
 fn moon_with_relief_texture_and_shadows() {
     let state = moon_close_up();
-    let Some((reference, image)) = both(vec![model("moon", moon(), lunar())], &state, REFERENCE) else {
+    let Some((reference, image)) =
+        both(vec![model("moon", moon(), lunar())], &state, REFERENCE, Quality::Best)
+    else {
         return;
     };
     let found = compare(&reference, &image);
@@ -108,7 +110,7 @@ fn eclipse(sun_distance_m: f64) -> (Vec<BodyModel>, FrameState) {
 #[test]
 fn one_bodys_penumbra_on_another() {
     let (models, state) = eclipse(2.0e10);
-    let Some((reference, image)) = both(models.clone(), &state, REFERENCE) else { return };
+    let Some((reference, image)) = both(models.clone(), &state, REFERENCE, Quality::Best) else { return };
     let penumbra = reference.plane(10).iter().filter(|&&v| v > 0.05 && v < 0.95).count();
     assert!(penumbra > 100, "the scene holds {penumbra} pixels of penumbra");
     // 64 points of the disc: a straight edge across it is off by 0.02 of the light or so.
@@ -127,7 +129,7 @@ fn one_bodys_penumbra_on_another() {
 
     // The twin without the caster differs.
     let alone = FrameState { bodies: state.bodies[..1].to_vec(), ..state.clone() };
-    let Some((_, unshadowed)) = both(models[..1].to_vec(), &alone, REFERENCE) else { return };
+    let Some((_, unshadowed)) = both(models[..1].to_vec(), &alone, REFERENCE, Quality::Best) else { return };
     assert!((compare(&reference, &unshadowed).flux_ratio - 1.0).abs() > 1e-2);
 }
 
@@ -215,9 +217,9 @@ fn every_law_with_every_phase_function_is_the_librarys() {
                 model(law.name(), shape.clone(), Photometry::new(law, function, Some(0.15)))
             })
             .collect();
-        // Pixels on edges are not compared: they need no finer grid.
+        // Pixels on edges are not compared: neither side needs finer samples there.
         let sampling = CpuSampling { grid: 4, refined_grid: 4, sun_points: 1, contrast: 0.1 };
-        let Some((references, images)) = both(models, &state, sampling) else { return };
+        let Some((references, images)) = both(models, &state, sampling, Quality::Draft) else { return };
         for (i, (law, limit, function)) in pairs.iter().enumerate() {
             let agrees = |found: &Comparison| {
                 found.interior_pixels > 300 && found.interior_rms < *limit && found.interior_worst < 0.02
@@ -255,12 +257,14 @@ fn rendering_through_the_distortion() {
         FrameState { image: square_image(128, 700.0), distortion: Some(distortion), bodies: vec![body] };
     let models = vec![model("sphere", sphere(7.0e5, 64), lunar())];
     let sampling = CpuSampling { grid: 4, refined_grid: 16, sun_points: 1, contrast: 0.1 };
-    let Some((reference, image)) = both(models.clone(), &state, sampling) else { return };
+    let Some((reference, image)) = both(models.clone(), &state, sampling, Quality::Best) else { return };
     let found = compare(&reference, &image);
     assert!(found.interior_rms < 1e-3 && found.interior_worst < 0.02, "{found:?}");
     assert!((found.flux_ratio - 1.0).abs() < 2e-4, "{found:?}");
     // The twin without the distortion differs.
-    let Some((_, straight)) = both(models, &FrameState { distortion: None, ..state }, sampling) else {
+    let Some((_, straight)) =
+        both(models, &FrameState { distortion: None, ..state }, sampling, Quality::Best)
+    else {
         return;
     };
     assert!(compare(&reference, &straight).interior_rms > 1e-2);

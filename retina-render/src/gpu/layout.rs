@@ -151,7 +151,8 @@ mod tests {
 
     #[test]
     fn every_shared_struct_has_nagas_layout() {
-        let module = naga::front::wgsl::parse_str(&retina_shaders::refine()).unwrap();
+        let module =
+            naga::front::wgsl::parse_str(&retina_shaders::refine(&retina_shaders::Kinds::all())).unwrap();
         check!(
             &module,
             Frame {
@@ -203,7 +204,9 @@ mod tests {
             }
         );
         check!(&module, Chunk { list, first, pixels, samples_log2 });
-        let module = naga::front::wgsl::parse_str(&retina_shaders::refine_plan()).unwrap();
+        let module =
+            naga::front::wgsl::parse_str(&retina_shaders::refine_plan(&retina_shaders::Kinds::all()))
+                .unwrap();
         check!(
             &module,
             Plan {

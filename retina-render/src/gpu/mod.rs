@@ -96,9 +96,10 @@ impl GpuRenderer {
         if models.len() > MOST_BODIES {
             return Err(RenderError::TooManyBodies(models.len()));
         }
+        let kinds = kinds(&models);
         // The driver compiles on one thread while the others build the hierarchy.
         let (pipelines, arrays) = rayon::join(
-            || Pipelines::new(&gpu.device, planes == Planes::Layers),
+            || Pipelines::new(&gpu.device, &kinds, planes == Planes::Layers),
             || SceneArrays::new(&models),
         );
         let scene = SceneBuffers::new(&gpu, &pipelines, &arrays)?;
@@ -213,7 +214,8 @@ impl GpuRenderer {
             self.finished.push_back(image);
         }
         self.gpu = GpuDevice::open()?;
-        self.pipelines = Pipelines::new(&self.gpu.device, self.planes == Planes::Layers);
+        self.pipelines =
+            Pipelines::new(&self.gpu.device, &kinds(&self.models), self.planes == Planes::Layers);
         self.scene = SceneBuffers::new(&self.gpu, &self.pipelines, &self.arrays)?;
         self.warp = self.warp.as_ref().map(|warp| warp.on(&self.gpu)).transpose()?;
         self.targets = None;
@@ -330,6 +332,10 @@ impl GpuRenderer {
             pass.dispatch_workgroups_indirect(&targets.dispatches, samples + DISPATCH_BYTES);
         }
     }
+}
+
+fn kinds(models: &[BodyModel]) -> retina_shaders::Kinds {
+    retina_shaders::Kinds::of(models.iter().map(|model| &model.photometry))
 }
 
 impl SceneBuffers {

@@ -1,5 +1,6 @@
 //! The compiled stages and their binding layouts.
 
+use retina_shaders::Kinds;
 use std::num::NonZeroU64;
 
 use super::layout::Vertex;
@@ -88,7 +89,8 @@ pub(crate) fn compute(
 }
 
 impl Pipelines {
-    pub(crate) fn new(device: &wgpu::Device, layers: bool) -> Self {
+    /// For bodies of these laws and phase functions.
+    pub(crate) fn new(device: &wgpu::Device, kinds: &Kinds, layers: bool) -> Self {
         let everywhere = wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE;
         let only_compute = wgpu::ShaderStages::COMPUTE;
         let layout = |label: &str, entries: &[wgpu::BindGroupLayoutEntry]| {
@@ -128,49 +130,49 @@ impl Pipelines {
             shade: compute(
                 device,
                 &[&scene_layout, &shade_layout],
-                retina_shaders::shade(),
+                retina_shaders::shade(kinds),
                 "shade_pixels",
                 layers,
             ),
             probe: compute(
                 device,
                 &[&scene_layout, &shade_layout],
-                retina_shaders::shade(),
+                retina_shaders::shade(kinds),
                 "probe_shadows",
                 layers,
             ),
             settle: compute(
                 device,
                 &[&scene_layout, &shade_layout],
-                retina_shaders::shade(),
+                retina_shaders::shade(kinds),
                 "settle_shadows",
                 layers,
             ),
             plan: compute(
                 device,
                 &[&scene_layout, &plan_layout],
-                retina_shaders::refine_plan(),
+                retina_shaders::refine_plan(kinds),
                 "plan_chunks",
                 layers,
             ),
             gather: compute(
                 device,
                 &[&scene_layout, &refine_layout],
-                retina_shaders::refine(),
+                retina_shaders::refine(kinds),
                 "gather_candidates",
                 layers,
             ),
             take_samples: compute(
                 device,
                 &[&scene_layout, &refine_layout],
-                retina_shaders::refine(),
+                retina_shaders::refine(kinds),
                 "take_samples",
                 layers,
             ),
             sum_samples: compute(
                 device,
                 &[&scene_layout, &refine_layout],
-                retina_shaders::refine(),
+                retina_shaders::refine(kinds),
                 "sum_samples",
                 layers,
             ),

@@ -58,7 +58,7 @@ fn state() -> FrameState {
 fn walk(renderer: &GpuRenderer, walks: u32) -> (u32, u32) {
     use wgpu::BufferUsages as Usage;
     let gpu = &renderer.gpu;
-    let source = retina_shaders::refine() + MANY_WALKS;
+    let source = retina_shaders::refine(&retina_shaders::Kinds::all()) + MANY_WALKS;
     let layouts = [&renderer.pipelines.scene_layout, &renderer.pipelines.refine_layout];
     let pipeline = pipelines::compute(&gpu.device, &layouts, source, "many_walks", false);
     let output = |what| gpu.buffer(what, 4096, Usage::STORAGE | Usage::COPY_SRC).unwrap();
