@@ -97,7 +97,7 @@ pub(crate) struct Arguments {
 
 /// What is known of the camera.
 enum Optics {
-    Setup(Box<Setup>, Option<Calibration>),
+    Setup(Box<Setup>, Option<Box<Calibration>>),
     /// Least and greatest horizontal field, rad.
     Field([f64; 2]),
 }
@@ -181,7 +181,7 @@ impl Arguments {
         let setup = read_setup(path)?;
         let calibration =
             self.calibration.as_ref().map(|path| Calibration::read(path, &setup)).transpose()?;
-        Ok(Optics::Setup(Box::new(setup), calibration))
+        Ok(Optics::Setup(Box::new(setup), calibration.map(Box::new)))
     }
 
     fn read(&self, path: &Path, optics: &Optics) -> Result<CameraImage, Failure> {
@@ -220,7 +220,9 @@ impl Arguments {
         };
         options.tdb_s = tdb_s.unwrap_or(options.tdb_s);
         let mut camera = match optics {
-            Optics::Setup(setup, calibration) => StarCamera::from_setup(setup, calibration.clone()),
+            Optics::Setup(setup, calibration) => {
+                StarCamera::from_setup(setup, calibration.as_deref().cloned())
+            }
             Optics::Field([least, greatest]) => {
                 let [short, long] = [*greatest, *least].map(|field| 1.0 / (0.5 * field).tan());
                 let middle = (short * long).sqrt();
