@@ -22,7 +22,7 @@
 //!
 //! **The optics** between screen and camera are traced exactly ([`optics`]): `examples/trace_a_lens.rs`.
 //!
-//! **The virtual bench** ([`bench`]) takes a screen image to a camera image by physics, and [`campaign`] runs whole
+//! **The virtual bench** ([`mod@bench`]) takes a screen image to a camera image by physics, and [`campaign`] runs whole
 //! measurement campaigns on it, with effects by id.
 //!
 //! **Calibration** ([`calibration`], [`response`]) learns from measurements where the facility shows a line of sight and
