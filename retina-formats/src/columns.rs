@@ -4,7 +4,8 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use retina_files::{InputError, Table, hash_bytes, read_text};
+use retina_files::{InputError, Table, hash_bytes, read_text, write_atomic};
+use retina_geometry::Setup;
 
 use crate::Channel;
 use crate::setup_stamp::SetupStamp;
@@ -40,8 +41,80 @@ pub struct ExtraColumn {
     pub values: Vec<f64>,
 }
 
+/// A table of measurements: what its reader and its writer share with the others.
+pub(crate) trait Rows: Default {
+    /// Columns that must be there.
+    const REQUIRED: &'static [&'static str];
+    /// Columns that the schema names; others are covariates.
+    const KNOWN: &'static [&'static str];
+    /// What a table without rows lacks, and what was expected.
+    const NOTHING: [&'static str; 2];
+
+    /// The files, the extra columns, and the number of rows.
+    fn parts(&mut self) -> (&mut Vec<SourceFile>, &mut Vec<ExtraColumn>, usize);
+
+    /// Adds the rows of a file, the `file`-th.
+    fn add_rows(&mut self, table: &Table, file: usize) -> Result<(), InputError>;
+
+    /// Adds a file with its extra columns and rows.
+    fn append(&mut self, table: &Table, file: SourceFile) -> Result<(), InputError> {
+        table.require(Self::REQUIRED)?;
+        let (files, extra, rows) = self.parts();
+        extend_extra(extra, rows, table, Self::KNOWN)?;
+        let at = files.len();
+        files.push(file);
+        self.add_rows(table, at)
+    }
+
+    /// Reads several files together.
+    fn read_all(paths: &[PathBuf]) -> Result<Self, InputError> {
+        let mut out = Self::default();
+        for path in paths {
+            let (table, file) = open(path, out.parts().0)?;
+            out.append(&table, file)?;
+        }
+        let [nothing, expected] = Self::NOTHING;
+        match (out.parts().2, paths.first()) {
+            (0, Some(path)) => Err(InputError::new(path, nothing).expected(expected)),
+            _ => Ok(out),
+        }
+    }
+}
+
+/// An optional column of a writer: its name and its cell in a row.
+pub(crate) type OptionalColumn<Row> = (&'static str, fn(&Row) -> Option<String>);
+
+/// Writes a table with the setup's name in a comment. `required` gives the cells of the required columns; optional
+/// columns that no row has are left out.
+pub(crate) fn write_rows<T: Rows, Row>(
+    path: &Path,
+    setup: &Setup,
+    rows: &[Row],
+    extra: &[ExtraColumn],
+    required: impl Fn(&Row) -> String,
+    optional: &[OptionalColumn<Row>],
+) -> Result<(), InputError> {
+    let used: Vec<&OptionalColumn<Row>> =
+        optional.iter().filter(|(_, cell)| rows.iter().any(|row| cell(row).is_some())).collect();
+    let names = T::REQUIRED.iter().copied().chain(used.iter().map(|(name, _)| *name));
+    let names: Vec<&str> = names.chain(extra.iter().map(|column| column.name.as_str())).collect();
+    let mut text = SetupStamp::of(setup).line() + &names.join(",") + "\n";
+    for (at, row) in rows.iter().enumerate() {
+        text.push_str(&required(row));
+        let cells = used.iter().map(|(_, cell)| cell(row).unwrap_or_default());
+        let further = extra.iter().map(|column| column.values[at]);
+        for cell in cells.chain(further.map(|v| if v.is_nan() { String::new() } else { v.to_string() })) {
+            text.push(',');
+            text.push_str(&cell);
+        }
+        text.push('\n');
+    }
+    write_atomic(path, text.as_bytes())
+        .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+}
+
 /// Puts the extra columns of a further file behind those of the files before it.
-pub(crate) fn extend_extra(
+fn extend_extra(
     extra: &mut Vec<ExtraColumn>,
     rows_before: usize,
     table: &Table,

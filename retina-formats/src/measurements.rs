@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use retina_files::{InputError, Table, read_text};
 use retina_geometry::Setup;
 
-use crate::columns::{of_text, open};
+use crate::columns::{Rows as _, of_text, open};
 use crate::{FramesTable, PhaseTable, PointsTable, PowerTable, SourceFile};
 
 /// Which table.

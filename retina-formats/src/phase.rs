@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use retina_files::{InputError, Table};
 
-use crate::columns::{Cells, extend_extra, open};
+use crate::columns::{Cells, Rows};
 use crate::{ExtraColumn, SourceFile};
 
 /// A magnitude at a phase angle.
@@ -40,34 +40,18 @@ pub struct PhaseTable {
     pub files: Vec<SourceFile>,
 }
 
-const REQUIRED: [&str; 2] = ["phase_deg", "magnitude"];
-const KNOWN: [&str; 6] = ["phase_deg", "magnitude", "sigma_mag", "airmass", "night", "series"];
+impl Rows for PhaseTable {
+    const REQUIRED: &'static [&'static str] = &["phase_deg", "magnitude"];
+    const KNOWN: &'static [&'static str] =
+        &["phase_deg", "magnitude", "sigma_mag", "airmass", "night", "series"];
+    const NOTHING: [&'static str; 2] = ["holds no magnitudes", "a row for each observation"];
 
-impl PhaseTable {
-    /// Reads several tables of one body together.
-    ///
-    /// # Errors
-    /// A column is missing, a cell is no number or outside its range, a file is given twice, or there is no row at all.
-    pub fn read(paths: &[PathBuf]) -> Result<Self, InputError> {
-        let mut out = Self::default();
-        for path in paths {
-            let (table, file) = open(path, &out.files)?;
-            out.append(&table, file)?;
-        }
-        match (out.rows.is_empty(), paths.first()) {
-            (true, Some(path)) => {
-                Err(InputError::new(path, "holds no magnitudes").expected("a row for each observation"))
-            }
-            _ => Ok(out),
-        }
+    fn parts(&mut self) -> (&mut Vec<SourceFile>, &mut Vec<ExtraColumn>, usize) {
+        (&mut self.files, &mut self.extra, self.rows.len())
     }
 
-    pub(crate) fn append(&mut self, table: &Table, file: SourceFile) -> Result<(), InputError> {
-        table.require(&REQUIRED)?;
-        extend_extra(&mut self.extra, self.rows.len(), table, &KNOWN)?;
+    fn add_rows(&mut self, table: &Table, file: usize) -> Result<(), InputError> {
         let (mut night, mut series) = (None, None);
-        let at = self.files.len();
-        self.files.push(file);
         for row in 0..table.len() {
             let cells = Cells { table, row };
             self.rows.push(PhaseRow {
@@ -81,10 +65,20 @@ impl PhaseTable {
                 airmass: cells.optional("airmass")?,
                 night: cells.shared_text("night", &mut night),
                 series: cells.shared_text("series", &mut series),
-                file: at,
+                file,
                 line: table.line(row),
             });
         }
         Ok(())
+    }
+}
+
+impl PhaseTable {
+    /// Reads several tables of one body together.
+    ///
+    /// # Errors
+    /// A column is missing, a cell is no number or outside its range, a file is given twice, or there is no row at all.
+    pub fn read(paths: &[PathBuf]) -> Result<Self, InputError> {
+        Self::read_all(paths)
     }
 }

@@ -1,16 +1,15 @@
 //! `points.csv`: one displayed point in one exposure a row.
 
 use std::collections::HashMap;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DVec2;
-use retina_files::{InputError, Table, write_atomic};
+use retina_files::{InputError, Table};
 use retina_geometry::Setup;
 
-use crate::columns::{Cells, csv_text, extend_extra, open};
-use crate::{Channel, ExtraColumn, SetupStamp, SourceFile};
+use crate::columns::{Cells, Rows, csv_text, write_rows};
+use crate::{Channel, ExtraColumn, SourceFile};
 
 /// A displayed point and where the camera saw it.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,56 +85,40 @@ pub struct PointsTable {
     pub files: Vec<SourceFile>,
 }
 
-const REQUIRED: [&str; 6] =
-    ["image", "screen_x_px", "screen_y_px", "digital_count", "camera_x_px", "camera_y_px"];
-const KNOWN: [&str; 16] = [
-    "image",
-    "screen_x_px",
-    "screen_y_px",
-    "digital_count",
-    "camera_x_px",
-    "camera_y_px",
-    "channel",
-    "sigma_px",
-    "time_s",
-    "temperature_c",
-    "row_load",
-    "exposure_s",
-    "flux_dn",
-    "saturated",
-    "camera_roll_deg",
-    "series",
-];
 /// A centroid may lie beyond the sensor's edge by this share of the side: a spot that the edge cuts, and simulated
 /// points whose lens was changed after they were chosen.
 const EDGE_SHARE: f64 = 0.02;
 
-impl PointsTable {
-    /// Reads several tables of one facility together.
-    ///
-    /// # Errors
-    /// A column is missing, a cell is no number or outside its range, a file is given twice, or there is no row at all.
-    pub fn read(paths: &[PathBuf]) -> Result<Self, InputError> {
-        let mut out = Self::default();
-        for path in paths {
-            let (table, file) = open(path, &out.files)?;
-            out.append(&table, file)?;
-        }
-        match (out.rows.is_empty(), paths.first()) {
-            (true, Some(path)) => {
-                Err(InputError::new(path, "holds no points").expected("one row for each point and exposure"))
-            }
-            _ => Ok(out),
-        }
+impl Rows for PointsTable {
+    const REQUIRED: &'static [&'static str] =
+        &["image", "screen_x_px", "screen_y_px", "digital_count", "camera_x_px", "camera_y_px"];
+    const KNOWN: &'static [&'static str] = &[
+        "image",
+        "screen_x_px",
+        "screen_y_px",
+        "digital_count",
+        "camera_x_px",
+        "camera_y_px",
+        "channel",
+        "sigma_px",
+        "time_s",
+        "temperature_c",
+        "row_load",
+        "exposure_s",
+        "flux_dn",
+        "saturated",
+        "camera_roll_deg",
+        "series",
+    ];
+    const NOTHING: [&'static str; 2] = ["holds no points", "one row for each point and exposure"];
+
+    fn parts(&mut self) -> (&mut Vec<SourceFile>, &mut Vec<ExtraColumn>, usize) {
+        (&mut self.files, &mut self.extra, self.rows.len())
     }
 
-    pub(crate) fn append(&mut self, table: &Table, file: SourceFile) -> Result<(), InputError> {
-        table.require(&REQUIRED)?;
-        extend_extra(&mut self.extra, self.rows.len(), table, &KNOWN)?;
+    fn add_rows(&mut self, table: &Table, file: usize) -> Result<(), InputError> {
         let mut images: HashMap<String, usize> = HashMap::new();
         let mut series = None;
-        let at = self.files.len();
-        self.files.push(file);
         for row in 0..table.len() {
             let cells = Cells { table, row };
             let name = table.text(row, "image");
@@ -150,9 +133,19 @@ impl PointsTable {
                     self.images.len() - 1
                 }
             };
-            self.rows.push(read_row(&cells, image, &mut series, at)?);
+            self.rows.push(read_row(&cells, image, &mut series, file)?);
         }
         Ok(())
+    }
+}
+
+impl PointsTable {
+    /// Reads several tables of one facility together.
+    ///
+    /// # Errors
+    /// A column is missing, a cell is no number or outside its range, a file is given twice, or there is no row at all.
+    pub fn read(paths: &[PathBuf]) -> Result<Self, InputError> {
+        Self::read_all(paths)
     }
 
     /// Refuses points that cannot have been measured with `setup`: a table that names another setup, centroids beside
@@ -236,51 +229,29 @@ impl PointsTable {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path, setup: &Setup) -> Result<(), InputError> {
-        type Cell = fn(&PointRow) -> Option<String>;
-        let optional: [(&str, Cell); 10] = [
-            ("sigma_px", |row| row.sigma_px.map(|v| format!("{v:.5}"))),
-            ("flux_dn", |row| row.flux_dn.map(|v| format!("{v:.2}"))),
-            ("saturated", |row| Some(u8::from(row.saturated).to_string())),
-            ("channel", |row| Some(row.channel.letter().to_owned())),
-            ("exposure_s", |row| row.exposure_s.map(|v| v.to_string())),
-            ("row_load", |row| row.row_load.map(|v| format!("{v:.5}"))),
-            ("time_s", |row| row.time_s.map(|v| v.to_string())),
-            ("temperature_c", |row| row.temperature_c.map(|v| v.to_string())),
-            ("camera_roll_deg", |row| row.camera_roll_deg.map(|v| v.to_string())),
-            ("series", |row| row.series.as_deref().map(csv_text)),
-        ];
-        let used: Vec<&(&str, Cell)> =
-            optional.iter().filter(|(_, cell)| self.rows.iter().any(|row| cell(row).is_some())).collect();
-        let mut text = SetupStamp::of(setup).line();
-        text.push_str(&REQUIRED.join(","));
-        for name in used.iter().map(|(name, _)| *name).chain(self.extra.iter().map(|c| c.name.as_str())) {
-            text.push(',');
-            text.push_str(name);
-        }
-        text.push('\n');
-        for (at, row) in self.rows.iter().enumerate() {
-            let [screen, camera] = [row.screen_px, row.camera_px];
-            let _ = write!(
-                text,
-                "{},{},{},{},{:.5},{:.5}",
-                csv_text(&self.images[row.image]),
-                screen.x,
-                screen.y,
-                row.digital_count,
-                camera.x,
-                camera.y
-            );
-            for (_, cell) in &used {
-                let _ = write!(text, ",{}", cell(row).unwrap_or_default());
-            }
-            for column in &self.extra {
-                let value = column.values[at];
-                let _ = if value.is_nan() { write!(text, ",") } else { write!(text, ",{value}") };
-            }
-            text.push('\n');
-        }
-        write_atomic(path, text.as_bytes())
-            .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+        write_rows::<Self, _>(
+            path,
+            setup,
+            &self.rows,
+            &self.extra,
+            |row| {
+                let ([screen, camera], count) = ([row.screen_px, row.camera_px], row.digital_count);
+                let image = csv_text(&self.images[row.image]);
+                format!("{image},{},{},{count},{:.5},{:.5}", screen.x, screen.y, camera.x, camera.y)
+            },
+            &[
+                ("sigma_px", |row| row.sigma_px.map(|v| format!("{v:.5}"))),
+                ("flux_dn", |row| row.flux_dn.map(|v| format!("{v:.2}"))),
+                ("saturated", |row| Some(u8::from(row.saturated).to_string())),
+                ("channel", |row| Some(row.channel.letter().to_owned())),
+                ("exposure_s", |row| row.exposure_s.map(|v| v.to_string())),
+                ("row_load", |row| row.row_load.map(|v| format!("{v:.5}"))),
+                ("time_s", |row| row.time_s.map(|v| v.to_string())),
+                ("temperature_c", |row| row.temperature_c.map(|v| v.to_string())),
+                ("camera_roll_deg", |row| row.camera_roll_deg.map(|v| v.to_string())),
+                ("series", |row| row.series.as_deref().map(csv_text)),
+            ],
+        )
     }
 }
 

@@ -1,14 +1,13 @@
 //! `power.csv`: one reading of a power meter at the camera's pupil a row.
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use retina_files::{InputError, Table, write_atomic};
+use retina_files::{InputError, Table};
 use retina_geometry::Setup;
 
-use crate::columns::{Cells, csv_text, extend_extra, open};
-use crate::{Channel, ExtraColumn, SetupStamp, SourceFile};
+use crate::columns::{Cells, Rows, csv_text, write_rows};
+use crate::{Channel, ExtraColumn, SourceFile};
 
 /// A reading: an N x N square of pixels at one count, or none lit.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,43 +45,26 @@ pub struct PowerTable {
     pub files: Vec<SourceFile>,
 }
 
-const REQUIRED: [&str; 4] = ["channel", "digital_count", "square_px", "irradiance_w_m2"];
-const KNOWN: [&str; 8] = [
-    "channel",
-    "digital_count",
-    "square_px",
-    "irradiance_w_m2",
-    "sigma_w_m2",
-    "time_s",
-    "temperature_c",
-    "series",
-];
+impl Rows for PowerTable {
+    const REQUIRED: &'static [&'static str] = &["channel", "digital_count", "square_px", "irradiance_w_m2"];
+    const KNOWN: &'static [&'static str] = &[
+        "channel",
+        "digital_count",
+        "square_px",
+        "irradiance_w_m2",
+        "sigma_w_m2",
+        "time_s",
+        "temperature_c",
+        "series",
+    ];
+    const NOTHING: [&'static str; 2] = ["holds no readings", "a row for each reading"];
 
-impl PowerTable {
-    /// Reads several tables of one campaign together.
-    ///
-    /// # Errors
-    /// A column is missing, a cell is no number or outside its range, a file is given twice, or there is no row at all.
-    pub fn read(paths: &[PathBuf]) -> Result<Self, InputError> {
-        let mut out = Self::default();
-        for path in paths {
-            let (table, file) = open(path, &out.files)?;
-            out.append(&table, file)?;
-        }
-        match (out.rows.is_empty(), paths.first()) {
-            (true, Some(path)) => {
-                Err(InputError::new(path, "holds no readings").expected("a row for each reading"))
-            }
-            _ => Ok(out),
-        }
+    fn parts(&mut self) -> (&mut Vec<SourceFile>, &mut Vec<ExtraColumn>, usize) {
+        (&mut self.files, &mut self.extra, self.rows.len())
     }
 
-    pub(crate) fn append(&mut self, table: &Table, file: SourceFile) -> Result<(), InputError> {
-        table.require(&REQUIRED)?;
-        extend_extra(&mut self.extra, self.rows.len(), table, &KNOWN)?;
+    fn add_rows(&mut self, table: &Table, file: usize) -> Result<(), InputError> {
         let mut series = None;
-        let at = self.files.len();
-        self.files.push(file);
         for row in 0..table.len() {
             let cells = Cells { table, row };
             self.rows.push(PowerRow {
@@ -98,11 +80,21 @@ impl PowerTable {
                 time_s: cells.optional("time_s")?,
                 temperature_c: cells.temperature_c()?,
                 series: cells.shared_text("series", &mut series),
-                file: at,
+                file,
                 line: table.line(row),
             });
         }
         Ok(())
+    }
+}
+
+impl PowerTable {
+    /// Reads several tables of one campaign together.
+    ///
+    /// # Errors
+    /// A column is missing, a cell is no number or outside its range, a file is given twice, or there is no row at all.
+    pub fn read(paths: &[PathBuf]) -> Result<Self, InputError> {
+        Self::read_all(paths)
     }
 
     /// Refuses a table that names another setup than `setup`.
@@ -120,36 +112,22 @@ impl PowerTable {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path, setup: &Setup) -> Result<(), InputError> {
-        type Cell = fn(&PowerRow) -> Option<String>;
-        let optional: [(&str, Cell); 4] = [
-            ("sigma_w_m2", |row| row.sigma_w_m2.map(|v| format!("{v:e}"))),
-            ("time_s", |row| row.time_s.map(|v| v.to_string())),
-            ("temperature_c", |row| row.temperature_c.map(|v| v.to_string())),
-            ("series", |row| row.series.as_deref().map(csv_text)),
-        ];
-        let used: Vec<&(&str, Cell)> =
-            optional.iter().filter(|(_, cell)| self.rows.iter().any(|row| cell(row).is_some())).collect();
-        let mut text = SetupStamp::of(setup).line();
-        text.push_str(&REQUIRED.join(","));
-        for name in used.iter().map(|(name, _)| *name).chain(self.extra.iter().map(|c| c.name.as_str())) {
-            text.push(',');
-            text.push_str(name);
-        }
-        text.push('\n');
-        for (at, row) in self.rows.iter().enumerate() {
-            let (channel, light) = (row.channel.letter(), row.irradiance_w_m2);
-            let _ = write!(text, "{channel},{},{},{light:e}", row.digital_count, row.square_px);
-            for (_, cell) in &used {
-                let _ = write!(text, ",{}", cell(row).unwrap_or_default());
-            }
-            for column in &self.extra {
-                let value = column.values[at];
-                let _ = if value.is_nan() { write!(text, ",") } else { write!(text, ",{value}") };
-            }
-            text.push('\n');
-        }
-        write_atomic(path, text.as_bytes())
-            .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+        write_rows::<Self, _>(
+            path,
+            setup,
+            &self.rows,
+            &self.extra,
+            |row| {
+                let (channel, light) = (row.channel.letter(), row.irradiance_w_m2);
+                format!("{channel},{},{},{light:e}", row.digital_count, row.square_px)
+            },
+            &[
+                ("sigma_w_m2", |row| row.sigma_w_m2.map(|v| format!("{v:e}"))),
+                ("time_s", |row| row.time_s.map(|v| v.to_string())),
+                ("temperature_c", |row| row.temperature_c.map(|v| v.to_string())),
+                ("series", |row| row.series.as_deref().map(csv_text)),
+            ],
+        )
     }
 
     /// An error about a row's cell; names the file where the row came from one.
