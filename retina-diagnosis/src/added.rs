@@ -6,10 +6,10 @@ use std::sync::Arc;
 use retina_files::{InputError, nearest};
 use retina_formats::EffectId;
 
-use crate::catalogue::{Effect, effects};
+use crate::catalogue::{Effect, effects, wide};
 use crate::data::Dataset;
 use crate::effect_file::EffectOfFile;
-use crate::linear::{dot, solve_positive};
+use crate::linear::{Basis, dot, solve_positive};
 use crate::noise::robust_fit;
 use crate::own::{OwnEffect, evaluate, readable_columns};
 use crate::score::{Frame, Score};
@@ -213,19 +213,24 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
         let mut whole = columns[best].clone();
         whole.extend(further.iter().cloned());
         let refined = frame.held_out(&columns[best]).beaten_by(&frame.held_out(&whole)) > REFINED;
-        let mut put = |term: &crate::data::Term<'_>, column: Vec<f64>| {
+        let taken = if refined { &whole } else { &columns[best] };
+        let own = second_orders(&frame, &base, taken, wide(data, effect.id, &variants[best].shape));
+        let mut put = |term: &str, column: Vec<f64>| {
             base.push(column);
-            names.push(format!("{}.{}", effect.name(), term.name));
+            names.push(format!("{}.{term}", effect.name()));
             owner.push(Some(index));
             start.push(0.0);
         };
         for (term, column) in variants[best].leading.iter().zip(&columns[best]) {
-            put(term, column.clone());
+            put(&term.name, column.clone());
         }
         if refined {
             for (term, column) in variants[best].further.iter().zip(further) {
-                put(term, column);
+                put(term.name.as_str(), column);
             }
+        }
+        for (k, column) in own.into_iter().enumerate() {
+            put(&format!("own_{}", k + 1), column);
         }
         shape.extend(variants[best].shape.iter().map(|(n, v)| (index, format!("{}.{n}", effect.name()), *v)));
     }
@@ -252,6 +257,38 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
         at += user.parameters().len();
     }
     Adjusted { data: out, base, names, owner, shape, start, user_values }
+}
+
+/// What an effect is beyond the columns `taken` of it, where that lowers the error of what is left out: orthogonal to
+/// these and to the base, so that their amplitudes keep their meaning and their values.
+fn second_orders(
+    frame: &Frame<'_>,
+    base: &[Vec<f64>],
+    taken: &[Vec<f64>],
+    own: Vec<Vec<f64>>,
+) -> Vec<Vec<f64>> {
+    let both: Vec<Vec<f64>> = taken.iter().chain(&own).cloned().collect();
+    if own.is_empty() || frame.held_out(taken).beaten_by(&frame.held_out(&both)) <= REFINED {
+        return Vec::new();
+    }
+    let data = frame.data;
+    let whitened = |column: &[f64]| frame.weights.whitened(data, column);
+    let known: Vec<&Vec<f64>> = base.iter().chain(taken).collect();
+    let along = Basis::of(known.iter().map(|column| whitened(column)));
+    let mut beside = frame.with(taken);
+    let mut out = Vec::new();
+    for mut column in own {
+        // Columns that those before them make up already have no coefficient of their own.
+        if beside.score(std::slice::from_ref(&column)).rank() == 0 {
+            continue;
+        }
+        beside = beside.with(std::slice::from_ref(&column));
+        for (known, share) in known.iter().zip(along.coefficients(&whitened(&column))) {
+            column.iter_mut().zip(*known).for_each(|(value, k)| *value -= share * k);
+        }
+        out.push(column);
+    }
+    out
 }
 
 /// Users' parameters by D. Marquardt's method (SIAM Journal 11, 1963), all linear columns solved for at every turn.

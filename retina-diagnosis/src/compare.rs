@@ -3,9 +3,11 @@
 use crate::added::{AddedEffect, adjusted};
 use crate::data::{ARCSEC_PER_RAD, Dataset};
 use crate::decode::{Decoded, decode};
+use crate::flips::Flips;
 use crate::noise::Weights;
-use crate::score::{Flips, Frame};
-use crate::screens::{columns_of, screen_p_values, screens};
+use crate::scatter::{Noise, noise};
+use crate::score::Frame;
+use crate::screens::{screen_p_values, screens};
 use crate::search::MOST_ROWS;
 use retina_formats::TableKind;
 
@@ -13,10 +15,6 @@ use retina_formats::TableKind;
 pub(crate) const PERCENTILES: [u32; 6] = [50, 68, 90, 95, 96, 99];
 /// Worst groups that are reported.
 const WORST: usize = 5;
-/// Screens significant at this level are taken out before the noise is told.
-const LEVEL: f64 = 0.01;
-/// Most of them.
-const MOST_SCREENS: usize = 5;
 const FLIPS: usize = 999;
 
 /// A group with large errors.
@@ -54,8 +52,8 @@ pub struct Comparison {
     pub rms: f64,
     /// The same without weights, as the percentiles.
     pub rms_unweighted: f64,
-    /// What no model can undercut for an unseen group, per component.
-    pub noise_floor: f64,
+    /// What the measurements scatter by.
+    pub noise: Noise,
     /// Standard deviation of a group's common error, per component.
     pub jitter: f64,
     /// Percentiles of the errors' lengths without outliers, in the order 50, 68, 90, 95, 96, 99.
@@ -74,6 +72,7 @@ pub struct Comparison {
 
 /// Compares baseline and added effects with the data.
 pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
+    let scatter = if data.pixels().is_none() { Some(noise(data)) } else { None };
     let fitted_part = data.fitted_part();
     let data = fitted_part.as_ref().unwrap_or(data);
     let screened_part = data.thinned(MOST_ROWS);
@@ -119,7 +118,11 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
         saturated: data.saturated,
         rms: fit.weights.rms(n, &fit.residual),
         rms_unweighted: fit.weights.rms_unweighted(n, &fit.residual),
-        noise_floor: floor(&screened.data, &screened.base, &flips),
+        noise: match scatter {
+            Some(noise) => noise,
+            None => crate::neighbours::noise(data, &fit),
+        }
+        .beside(fit.weights.floor()),
         jitter: fit.weights.jitter_variance.sqrt(),
         percentiles,
         fraction_within_10_arcsec: (data.kind == TableKind::Points).then_some(within),
@@ -144,28 +147,6 @@ fn length(data: &Dataset, residual: &[f64], row: usize) -> f64 {
     let small = (along / (1.0 + r2)).powi(2) + across2.max(0.0) / (1.0 + r2);
     // Small angles are those of the plane; large ones are capped by the arc.
     (small.sqrt() / ARCSEC_PER_RAD).atan() * ARCSEC_PER_RAD
-}
-
-/// The noise that is left when all that the screens see has been taken out; of pixels, what neighbours do not share.
-pub(crate) fn floor(data: &Dataset, base: &[Vec<f64>], flips: &Flips) -> f64 {
-    if data.pixels().is_some() {
-        let fit = crate::noise::robust_fit(data, base);
-        return crate::neighbours::floor(data, &fit).unwrap_or_else(|| fit.weights.floor());
-    }
-    let mut columns = base.to_vec();
-    for _ in 0..MOST_SCREENS {
-        let frame = Frame::fitted(data, &columns);
-        let all = screens(&frame);
-        let p = screen_p_values(&all, flips);
-        let strongest = (0..all.len())
-            .filter(|&i| p[i] <= LEVEL)
-            .max_by(|&a, &b| all[a].score.statistic.total_cmp(&all[b].score.statistic));
-        match strongest {
-            Some(i) => columns.extend(columns_of(data, &all[i].covariates)),
-            None => return frame.weights.floor(),
-        }
-    }
-    Frame::fitted(data, &columns).weights.floor()
 }
 
 fn worst(data: &Dataset, residual: &[f64], weights: &Weights) -> Vec<WorstGroup> {

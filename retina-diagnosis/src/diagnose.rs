@@ -4,14 +4,20 @@ use crate::added::AddedEffect;
 use crate::catalogue::Effect;
 use crate::data::Dataset;
 use crate::estimate::{Implausible, Parameter, estimate, implausible};
+use crate::flips::Flips;
 use crate::next::{NextMeasurement, propose};
 use crate::noise::Weights;
-use crate::score::{Flips, Frame};
-use crate::search::{LEVEL_FIRST, LEVEL_LATER, MOST_ROWS, Prepared, Ranked, Search, prepare};
+use crate::scatter::{Noise, noise};
+use crate::score::Frame;
+use crate::search::{
+    Accepted, FLOOR_NOISE, LEVEL_FIRST, LEVEL_LATER, MOST_ROWS, Prepared, Ranked, Search, WHOLE_GROUP,
+    prepare,
+};
 use crate::series::Outlying;
 use crate::step::Step;
+use crate::sufficient::{note_of_runs, too_little};
 use crate::unexplained::{Unexplained, unexplained};
-use crate::verdict::{Verdict, too_many_outliers};
+use crate::verdict::{Findings, Verdict, too_many_outliers};
 
 /// What is asked of a diagnosis.
 #[derive(Debug, Clone)]
@@ -62,12 +68,14 @@ pub struct Diagnosis {
     pub outliers: usize,
     /// Held-out error of the baseline.
     pub baseline_heldout_rms: f64,
-    /// What no model can undercut.
-    pub noise_floor: f64,
+    /// What the measurements scatter by.
+    pub noise: Noise,
     /// The outcome.
     pub verdict: Verdict,
     /// Effects accepted, in their order.
     pub accepted: Vec<&'static str>,
+    /// For each of them those that these data cannot tell from it.
+    pub rivals: Vec<Vec<&'static str>>,
     /// All that could be tried, best first.
     pub candidates: Vec<Candidate>,
     /// Accepted effects with those this data cannot tell from them.
@@ -86,18 +94,17 @@ pub struct Diagnosis {
 
 /// Diagnoses a table; `added` effects belong to the model already.
 pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions) -> Diagnosis {
-    search(data, added, options, MOST_ACCEPTED, None)
+    search(data, added, options, MOST_ACCEPTED, false)
 }
 
-/// Looks for one effect alone, for models that are made anew with each effect. `before` is the strength of those found
-/// so far, rms over noise.
+/// Looks for one effect alone, for models that are made anew with each effect. `later`: others were found before.
 pub fn diagnose_step(
     data: &Dataset,
     added: &[AddedEffect],
     options: &DiagnoseOptions,
-    before: Option<f64>,
+    later: bool,
 ) -> Diagnosis {
-    search(data, added, options, 1, before)
+    search(data, added, options, 1, later)
 }
 
 /// Runs the search, judges what is left, and puts the answer together.
@@ -106,46 +113,68 @@ fn search(
     added: &[AddedEffect],
     options: &DiagnoseOptions,
     most: usize,
-    before: Option<f64>,
+    later: bool,
 ) -> Diagnosis {
     let thinned = data.thinned(MOST_ROWS);
+    let scatter = if data.pixels().is_none() { Some(noise(data)) } else { None };
     let data = thinned.as_ref().unwrap_or(data);
     let mut notes = data.notes.clone();
     let (prepared, not_testable) = prepare(data, added);
     let adjusted = crate::added::adjusted(data, added);
     let data = &adjusted.data;
     let flips = Flips::draw(data, options.flips, options.seed);
-    notes.extend(few_groups(data));
+    notes.extend(note_of_runs(data));
     let baseline: Vec<Vec<f64>> = adjusted.base.clone();
-    let mut found = Search::new(data, &prepared, &flips, baseline.clone(), before);
+    let mut found = Search::new(data, &prepared, &flips, baseline.clone(), later);
     notes.extend(found.whole_group());
     while found.accepted.len() < most && found.step() {}
 
-    let fit = crate::noise::robust_fit(data, &found.base);
-    let noise_floor = crate::neighbours::floor(data, &fit).unwrap_or_else(|| fit.weights.floor());
+    let (fit, steps) = loop {
+        let fit = crate::noise::robust_fit(data, &found.base);
+        let steps = ladder(data, &baseline, &prepared, &found.accepted, &fit.weights);
+        let Some(idle) = idle(&steps) else { break (fit, steps) };
+        let name = prepared[found.accepted[idle].index].effect.name();
+        notes.push(format!(
+            "{name} was found and taken out again: beside the others it does not lower the error of what is left out ({:.4} before, {:.4} with it)",
+            steps[idle].heldout_rms,
+            steps[idle + 1].heldout_rms
+        ));
+        found.take_out(idle, &baseline);
+    };
+    let noise = match scatter {
+        Some(noise) => noise,
+        None => crate::neighbours::noise(data, &fit),
+    }
+    .beside(fit.weights.floor());
     let frame = Frame::weighted(data, &found.base, fit.weights);
     let levels = [found.level(LEVEL_FIRST[1], LEVEL_LATER[1]), LEVEL_LATER[1]];
-    let unexplained = unexplained(data, found.base.clone(), levels, found.floor(), &flips);
+    let unexplained = unexplained(data, found.base.clone(), levels, FLOOR_NOISE, &flips);
     let outliers = frame.weights.outlier.iter().filter(|out| **out).count();
-    let verdict = Verdict::of(
-        !unexplained.covariates.is_empty(),
-        found.accepted.is_empty(),
-        found.sets.iter().any(|set| set.len() > 1),
-        too_many_outliers(data, outliers),
-    );
+    let insufficient = too_little(data, &noise, &frame.weights);
+    let verdict = Verdict::of(Findings {
+        structure: !unexplained.covariates.is_empty(),
+        nothing: found.accepted.is_empty(),
+        several: found.sets.iter().any(|set| set.len() > 1),
+        outliers: too_many_outliers(data, outliers),
+        too_little: insufficient.is_some(),
+    });
     notes.extend(crate::noise::lost_groups(data, &frame.weights));
-    let steps = ladder(data, &baseline, &prepared, &found.accepted, &frame.weights);
-    let next = found.sets.iter().zip(&found.accepted).find(|(set, _)| set.len() > 1).and_then(
-        |(set, &(index, variant))| {
+    let mut next =
+        found.sets.iter().zip(&found.accepted).find(|(set, _)| set.len() > 1).and_then(|(set, own)| {
             let members: Vec<&'static Effect> = set.iter().map(|&i| prepared[i].effect).collect();
-            propose(data, &frame.weights, prepared[index].effect, variant, &members)
-        },
-    );
+            propose(data, &frame.weights, prepared[own.index].effect, own.variant, &members)
+        });
+    if verdict == Verdict::Undecided
+        && let Some((why, instead)) = insufficient
+    {
+        notes.insert(0, format!("undecided: {why}"));
+        next = Some(instead);
+    }
     let ranking = found.first_ranking.take().unwrap_or_default();
     let mut candidates = candidates(data, &baseline, &prepared, ranking, &frame.weights, &found.accepted);
     if let Some((index, outlying)) = &found.group {
         let candidate = group_candidate(prepared[*index].effect.name(), outlying, steps[0].heldout_rms);
-        let first = found.accepted.first().is_some_and(|a| a.0 == *index);
+        let first = found.accepted.first().is_some_and(|a| a.index == *index);
         candidates.insert(if first { 0 } else { candidates.len() }, candidate);
     }
     let mut indistinguishable: Vec<&'static str> = Vec::new();
@@ -154,12 +183,16 @@ fn search(
             indistinguishable.push(prepared[i].effect.name());
         }
     }
+    let rivals = |(set, own): (&Vec<usize>, &Accepted)| {
+        set.iter().filter(|i| **i != own.index).map(|&i| prepared[i].effect.name()).collect()
+    };
     Diagnosis {
         outliers,
         baseline_heldout_rms: steps[0].heldout_rms,
-        noise_floor,
+        noise,
         verdict,
-        accepted: found.accepted.iter().map(|&(i, _)| prepared[i].effect.name()).collect(),
+        accepted: found.accepted.iter().map(|own| prepared[own.index].effect.name()).collect(),
+        rivals: found.sets.iter().zip(&found.accepted).map(rivals).collect(),
         candidates,
         indistinguishable,
         next,
@@ -170,17 +203,9 @@ fn search(
     }
 }
 
-/// Says that few groups allow no small p-value.
-fn few_groups(data: &Dataset) -> Option<String> {
-    let groups = data.groups.len();
-    (groups < 8).then(|| {
-        let ways = 1u64 << groups.saturating_sub(1);
-        format!(
-            "{groups} groups can be flipped in {ways} ways: no p-value below {:.3} is possible; measure more {}",
-            1.0 / ways as f64,
-            if data.components() == 2 { "exposures" } else { "series" }
-        )
-    })
+/// The last accepted effect whose step does not lower the error of what is left out.
+fn idle(steps: &[Step]) -> Option<usize> {
+    (1..steps.len()).rev().find(|&k| steps[k].heldout_rms >= steps[k - 1].heldout_rms).map(|k| k - 1)
 }
 
 /// The candidate that is one group's own level.
@@ -201,18 +226,23 @@ fn ladder(
     data: &Dataset,
     baseline: &[Vec<f64>],
     prepared: &[Prepared<'_>],
-    accepted: &[(usize, usize)],
+    accepted: &[Accepted],
     weights: &Weights,
 ) -> Vec<Step> {
     let mut base = baseline.to_vec();
     let mut names: Vec<String> = Vec::new();
-    let held_out = |base: &[Vec<f64>]| Frame::weighted(data, base, weights.clone()).held_out(&[]);
+    // A factor of one series is known to that series alone: rows are left out there, not series.
+    let own = accepted.iter().any(|own| prepared[own.index].effect.id == WHOLE_GROUP);
+    let held_out = |base: &[Vec<f64>]| {
+        let frame = Frame::weighted(data, base, weights.clone());
+        if own { frame.leaving_out_rows().held_out(&[]) } else { frame.held_out(&[]) }
+    };
     let mut out = vec![Step::new(Vec::new(), &held_out(&base))];
-    for &(index, variant) in accepted {
+    for own in accepted {
         let mut leading = base.clone();
-        leading.extend(prepared[index].columns[variant].iter().cloned());
-        base.extend(prepared[index].whole(data, variant));
-        names.push(prepared[index].effect.name().to_owned());
+        leading.extend(prepared[own.index].columns[own.variant].iter().cloned());
+        base.extend(own.columns.iter().cloned());
+        names.push(prepared[own.index].effect.name().to_owned());
         let (leading, whole) = (held_out(&leading), held_out(&base));
         out.push(Step::new(names.clone(), if leading.rms < whole.rms { &leading } else { &whole }));
     }
@@ -225,7 +255,7 @@ fn candidates(
     prepared: &[Prepared<'_>],
     ranking: Vec<Ranked>,
     weights: &Weights,
-    accepted: &[(usize, usize)],
+    accepted: &[Accepted],
 ) -> Vec<Candidate> {
     let mut out: Vec<Candidate> = ranking
         .into_iter()
@@ -254,8 +284,8 @@ fn candidates(
         })
         .collect();
     // What was accepted first leads the list, also where it is a hair behind one that was no better in the end.
-    if let Some(&(index, _)) = accepted.first() {
-        out.sort_by_key(|candidate| candidate.effect != prepared[index].effect.name());
+    if let Some(first) = accepted.first() {
+        out.sort_by_key(|candidate| candidate.effect != prepared[first.index].effect.name());
     }
     out
 }

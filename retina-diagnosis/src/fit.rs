@@ -8,8 +8,8 @@ use crate::added::{AddedEffect, Adjusted, adjusted};
 use crate::data::Dataset;
 use crate::estimate::{Parameter, estimate};
 use crate::noise::robust_fit;
-use crate::score::{Flips, Frame};
-use crate::search::MOST_ROWS;
+use crate::scatter::{Noise, noise};
+use crate::score::Frame;
 use crate::step::Step;
 
 /// Effects and baseline fitted to a table.
@@ -24,8 +24,8 @@ pub struct Fit {
     pub rms_unweighted: f64,
     /// The weighted one of groups left out.
     pub heldout_rms: f64,
-    /// What no model can undercut.
-    pub noise_floor: f64,
+    /// What the measurements scatter by.
+    pub noise: Noise,
     /// Effects and held-out error, from the baseline on.
     pub steps: Vec<Step>,
     /// Number of outliers.
@@ -59,11 +59,14 @@ const HIGH_CORRELATION: f64 = 0.95;
 /// # Errors
 /// A user's formula is not finite, or its parameters cannot be told apart.
 pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
+    let whole = data;
     let fitted_part = data.fitted_part();
     let data = fitted_part.as_ref().unwrap_or(data);
     crate::added::check_effects(data, added)?;
     let Adjusted { data: shifted, base, names, owner, shape, start, user_values } = adjusted(data, added);
     let robust = robust_fit(&shifted, &base);
+    let scatter =
+        if data.pixels().is_none() { noise(whole) } else { crate::neighbours::noise(&shifted, &robust) };
     let estimate = estimate(&shifted, &base, &robust.weights);
     let n = names.len();
     let sigma: Vec<f64> = (0..n).map(|i| estimate.covariance[i][i].sqrt()).collect();
@@ -132,16 +135,13 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
         let names = added[..count].iter().map(|effect| effect.name().to_owned()).collect();
         steps.push(Step::new(names, &frame.held_out(&[])));
     }
-    let screened_part = data.thinned(MOST_ROWS);
-    let screened = adjusted(screened_part.as_ref().unwrap_or(data), added);
-    let flips = Flips::draw(&screened.data, 499, 1);
     Ok(Fit {
         parameters,
         correlation,
         rms: robust.weights.rms(data.components(), &residual),
         rms_unweighted: robust.weights.rms_unweighted(data.components(), &residual),
         heldout_rms: steps[added.len()].heldout_rms,
-        noise_floor: crate::compare::floor(&screened.data, &screened.base, &flips),
+        noise: scatter.beside(robust.weights.floor()),
         steps,
         outliers: robust.weights.outlier.iter().filter(|out| **out).count(),
         notes,

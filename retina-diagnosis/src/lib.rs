@@ -8,6 +8,7 @@
 
 mod added;
 mod catalogue;
+mod cells;
 mod compare;
 mod data;
 mod decode;
@@ -17,7 +18,10 @@ mod estimate;
 mod field;
 mod figure;
 mod fit;
+mod flips;
 mod formula;
+mod headline;
+mod json;
 mod linear;
 mod model_file;
 mod neighbours;
@@ -25,13 +29,17 @@ mod next;
 mod noise;
 mod output;
 mod own;
+mod pairs;
 mod report;
+mod scatter;
 mod score;
 mod screens;
 mod search;
 mod series;
 mod step;
+mod sufficient;
 mod unexplained;
+mod units;
 mod verdict;
 
 pub use added::{AddedEffect, check_effects};
@@ -46,16 +54,16 @@ pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, diagnose,
 pub use estimate::{Implausible, Parameter, implausible};
 pub use figure::write_figure;
 pub use fit::{Fit, fit};
+pub use headline::headline;
+pub use json::{compare_json, diagnose_json, effects_json, fit_json};
 pub use model_file::write_model;
 pub use next::NextMeasurement;
-pub use output::{
-    compare_json, compare_text, diagnose_json, diagnose_text, effects_json, effects_text, fit_json, fit_text,
-    write_predictions,
-};
+pub use output::{compare_text, diagnose_text, effects_text, fit_text, write_predictions};
 pub use own::{OwnEffect, OwnParameter};
 pub use report::{
     Shape, compare_page, diagnose_page, effects_page, fit_page, signature_svg, unexplained_shapes,
 };
+pub use scatter::Noise;
 pub use step::Step;
 pub use unexplained::Unexplained;
-pub use verdict::{Verdict, too_many_outliers};
+pub use verdict::{Findings, Verdict, too_many_outliers};

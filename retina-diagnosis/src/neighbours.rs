@@ -6,6 +6,7 @@ use retina_calibration::NoiseGroups;
 
 use crate::data::Dataset;
 use crate::noise::RobustFit;
+use crate::scatter::Noise;
 
 /// Second difference along both axes; linear slopes and whatever depends on one axis alone leave it 0 (J. Immerkaer,
 /// Computer Vision and Image Understanding 64, 1996).
@@ -19,10 +20,19 @@ const ROWS: usize = 300;
 /// Fewest pixels with all neighbours.
 const FEWEST: usize = 60;
 
+/// The noise of pixels under a fit.
+pub(crate) fn noise(data: &Dataset, fit: &RobustFit) -> Noise {
+    let (white, source) = match floor(data, fit) {
+        Some(floor) => (floor, "differences of neighbouring pixels' errors"),
+        None => (fit.weights.floor(), "errors of the fit: too few pixels have all their neighbours"),
+    };
+    Noise { white, group: 0.0, structured: 0.0, source: vec![source.to_owned()] }
+}
+
 /// Root of the mean variance of the pixels' noise, weighted by that variance's inverse, from the errors' differences in
 /// groups of like brightness. It hardly depends on the model. `None` of other tables, and where too few pixels have
 /// all their neighbours.
-pub(crate) fn floor(data: &Dataset, fit: &RobustFit) -> Option<f64> {
+fn floor(data: &Dataset, fit: &RobustFit) -> Option<f64> {
     let pixels = data.pixels()?;
     let cell = |place: &[f64; 3]| {
         let of = |px: f64| (px / pixels.pitch_px).floor() as i64;

@@ -1,11 +1,10 @@
-//! Results as JSON, text and tables.
+//! Results as text and tables.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use retina_files::{InputError, write_atomic};
 use retina_formats::TableKind;
-use serde_json::{Map, Value, json};
 
 use crate::catalogue::Effect;
 use crate::compare::{Comparison, PERCENTILES};
@@ -14,27 +13,13 @@ use crate::decode::Decoded;
 use crate::diagnose::Diagnosis;
 use crate::estimate::{Implausible, Parameter};
 use crate::fit::Fit;
+use crate::headline::headline;
+use crate::scatter::Noise;
 use crate::step::Step;
-use crate::verdict::{Verdict, too_many_outliers};
-
-fn parameters_json(parameters: &[Parameter]) -> Value {
-    let entries: Map<String, Value> =
-        parameters.iter().map(|p| (p.name.clone(), json!({ "value": p.value, "sigma": p.sigma }))).collect();
-    Value::Object(entries)
-}
-
-fn steps_json(steps: &[Step]) -> Value {
-    let step = |s: &Step| json!({ "effects": s.effects, "heldout_rms": s.heldout_rms, "heldout_rms_unweighted": s.heldout_rms_unweighted });
-    steps.iter().map(step).collect()
-}
-
-/// A range; an end that is open is null.
-fn range_json(range: [f64; 2]) -> Value {
-    range.iter().map(|end| if end.is_finite() { json!(end) } else { Value::Null }).collect()
-}
+use crate::verdict::too_many_outliers;
 
 /// What has to be said before all else.
-fn warnings(data: &Dataset, outliers: usize) -> Vec<String> {
+pub(crate) fn warnings(data: &Dataset, outliers: usize) -> Vec<String> {
     if !too_many_outliers(data, outliers) {
         return Vec::new();
     }
@@ -55,7 +40,7 @@ fn warning_lines(data: &Dataset, outliers: usize) -> Vec<String> {
 }
 
 /// The ladder of held-out errors, and the noise below it.
-fn ladder_text(steps: &[Step], noise_floor: f64, unit: &str) -> Vec<String> {
+fn ladder_text(steps: &[Step], noise: &Noise, unit: &str) -> Vec<String> {
     let mut out = vec![format!(
         "error of groups left out ({unit} rms per component), weighted by the last model's noise | unweighted"
     )];
@@ -69,42 +54,7 @@ fn ladder_text(steps: &[Step], noise_floor: f64, unit: &str) -> Vec<String> {
             step.heldout_rms, step.heldout_rms_unweighted
         ));
     }
-    out.push(format!("{noise_floor:10.4} |          {unit}  noise"));
-    out
-}
-
-/// `compare --json`, schema `retina.compare/1`.
-pub fn compare_json(data: &Dataset, result: &Comparison) -> Value {
-    let percentiles: Map<String, Value> =
-        PERCENTILES.iter().zip(result.percentiles).map(|(p, v)| (p.to_string(), json!(v))).collect();
-    let mut out = json!({
-        "schema": "retina.compare/1",
-        "table": data.kind.name(),
-        "rows": result.rows,
-        "saturated": result.saturated,
-        "outliers": result.outliers,
-        "rms": result.rms,
-        "rms_unweighted": result.rms_unweighted,
-        "noise_floor": result.noise_floor,
-        "jitter": result.jitter,
-        "unit": data.kind.unit(),
-        "percentiles": percentiles,
-        "worst_groups": result.worst_groups.iter().map(|g| json!({ "group": g.name, "rms": g.rms, "rows": g.rows })).collect::<Vec<_>>(),
-        "dependence": result.dependence.iter().map(|d| json!({ "covariates": d.covariates, "p_value": d.p_value, "share": d.share })).collect::<Vec<_>>(),
-        "warnings": warnings(data, result.outliers),
-        "notes": result.notes,
-    });
-    if let Some(fraction) = result.fraction_within_10_arcsec {
-        out["fraction_within_10_arcsec"] = json!(fraction);
-    }
-    if let Some(decoded) = &result.decoded {
-        out["decoded"] = json!({
-            "of": decoded.of,
-            "readings": decoded.readings.iter().map(|r| json!({ "effects": r.effects, "parameters": parameters_json(&r.parameters) })).collect::<Vec<_>>(),
-            "remainder_rms_arcsec": decoded.remainder_rms_arcsec,
-            "remainder_expected_arcsec": decoded.remainder_expected_arcsec,
-        });
-    }
+    out.push(format!("{:10.4} |          {unit}  noise: {}", noise.floor(), noise_text(noise, unit)));
     out
 }
 
@@ -137,85 +87,6 @@ fn decoded_text(decoded: &Decoded) -> Vec<String> {
         .map_or_else(String::new, |e| format!("; {e:.3} is expected of the polynomial's own uncertainty"));
     out.push(format!("  none of these: {:.3} arcsec rms per axis{expected}", decoded.remainder_rms_arcsec));
     out
-}
-
-/// `diagnose --json`, schema `retina.diagnosis/1`.
-pub fn diagnose_json(data: &Dataset, result: &Diagnosis) -> Value {
-    json!({
-        "schema": "retina.diagnosis/1",
-        "table": data.kind.name(),
-        "rows": data.table_rows,
-        "outliers": result.outliers,
-        "baseline": {
-            "heldout_rms": result.baseline_heldout_rms,
-            "heldout_rms_unweighted": result.steps.first().map(|step| step.heldout_rms_unweighted),
-            "unit": data.kind.unit(),
-            "noise_floor": result.noise_floor,
-        },
-        "verdict": result.verdict.name(),
-        "accepted": result.accepted,
-        "candidates": result.candidates.iter().map(|c| json!({
-            "effect": c.effect,
-            "p_value": c.p_value,
-            "heldout_rms": c.heldout_rms,
-            "parameters": parameters_json(&c.parameters),
-            "implausible": c.implausible.iter().map(|i| json!({ "parameter": i.name, "plausible": range_json(i.range) })).collect::<Vec<_>>(),
-        })).collect::<Vec<_>>(),
-        "indistinguishable": result.indistinguishable,
-        "next_measurement": result.next.as_ref().map(|next| json!({
-            "action": next.action,
-            "value": next.value,
-            "separates": next.separates,
-            "expected_sigma": next.expected_sigma,
-        })),
-        "unexplained": { "p_value": result.unexplained.p_value, "covariates": result.unexplained.covariates },
-        "steps": steps_json(&result.steps),
-        "not_testable": result.not_testable.iter().map(|n| json!({ "effect": n.effect, "reason": n.reason })).collect::<Vec<_>>(),
-        "warnings": warnings(data, result.outliers),
-        "notes": result.notes,
-    })
-}
-
-/// `fit --json`, schema `retina.fit/1`.
-pub fn fit_json(data: &Dataset, result: &Fit) -> Value {
-    let fitted: Vec<&str> =
-        result.parameters[..result.correlation.len()].iter().map(|p| p.name.as_str()).collect();
-    json!({
-        "schema": "retina.fit/1",
-        "table": data.kind.name(),
-        "unit": data.kind.unit(),
-        "rows": data.table_rows,
-        "outliers": result.outliers,
-        "parameters": parameters_json(&result.parameters),
-        "correlation": { "parameters": fitted, "matrix": result.correlation },
-        "rms": result.rms,
-        "rms_unweighted": result.rms_unweighted,
-        "heldout_rms": result.heldout_rms,
-        "noise_floor": result.noise_floor,
-        "steps": steps_json(&result.steps),
-        "warnings": warnings(data, result.outliers),
-        "notes": result.notes,
-    })
-}
-
-/// `effects --json`, schema `retina.effects/1`.
-pub fn effects_json(effects: &[&Effect]) -> Value {
-    let list: Vec<Value> = effects
-        .iter()
-        .map(|e| {
-            json!({
-                "effect": e.name(),
-                "table": e.kind().name(),
-                "formula": e.formula(),
-                "source": e.source(),
-                "covariates": e.covariates(),
-                "plausible": e.plausible(),
-                "class": e.class.iter().map(|id| id.name()).collect::<Vec<_>>(),
-                "separated_by": e.separated_by().map(|(action, value)| json!({ "action": action, "value": value })),
-            })
-        })
-        .collect();
-    json!({ "schema": "retina.effects/1", "effects": list })
 }
 
 /// The catalogue as text.
@@ -268,9 +139,16 @@ pub(crate) fn implausible_text(implausible: &[Implausible]) -> String {
     }
 }
 
-/// Fewer groups than these can be flipped in too few ways for any p-value to be small.
-fn too_few(data: &Dataset) -> bool {
-    data.groups.len() < 8
+/// The noise by its kinds, and where the figures come from.
+fn noise_text(noise: &Noise, unit: &str) -> String {
+    let mut kinds = vec![format!("{:.4} of each row", noise.white)];
+    if noise.group > 0.0 {
+        kinds.push(format!("{:.4} common to a group", noise.group));
+    }
+    if noise.structured > 0.0 {
+        kinds.push(format!("beyond it {:.4} {unit} structured and unexplained", noise.structured));
+    }
+    format!("{} (from {})", kinds.join(", "), noise.source.join(", "))
 }
 
 /// The comparison as text.
@@ -279,19 +157,18 @@ pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
     let mut out = vec![
         format!("{} rows, {} saturated, {} outliers", result.rows, result.saturated, result.outliers),
         format!(
-            "error {:.4} {unit} rms per component, weighted by the noise that this model leaves; {:.4} unweighted; noise {:.4}",
-            result.rms, result.rms_unweighted, result.noise_floor
+            "error {:.4} {unit} rms per component, weighted by the noise that this model leaves; {:.4} unweighted",
+            result.rms, result.rms_unweighted
         ),
+        format!("noise {:.4} {unit}: {}", result.noise.floor(), noise_text(&result.noise, unit)),
     ];
     out.splice(0..0, warning_lines(data, result.outliers));
     let cells: Vec<String> =
         PERCENTILES.iter().zip(result.percentiles).map(|(p, v)| format!("{p} %: {v:.3}")).collect();
     out.push(format!("errors within ({unit}, unweighted)  {}", cells.join("  ")));
     let seen: Vec<_> = result.dependence.iter().filter(|d| d.p_value <= 0.02 && d.share >= 5e-4).collect();
-    if seen.is_empty() && too_few(data) {
-        out.push(format!("{} groups are too few to show what the errors depend on", data.groups.len()));
-    } else if seen.is_empty() {
-        out.push("the errors depend on no column: all is noise".to_owned());
+    if seen.is_empty() {
+        out.push("no screen finds a column that the errors depend on".to_owned());
     }
     for d in seen.iter().take(8) {
         out.push(format!(
@@ -314,32 +191,9 @@ pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
 /// The diagnosis as text.
 pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
     let unit = data.kind.unit();
-    let mut out = vec![match result.verdict {
-        Verdict::Adequate if too_few(data) => format!(
-            "adequate, as far as {} groups can tell: too few to find an effect by flips of their signs",
-            data.groups.len()
-        ),
-        Verdict::Adequate => {
-            "adequate: no effect of the catalogue shows beyond these measurements' noise".to_owned()
-        }
-        Verdict::Named => format!("named: {}", result.accepted.join(" and ")),
-        Verdict::Confounded => {
-            format!("confounded: this data cannot tell apart {}", result.indistinguishable.join(", "))
-        }
-        Verdict::Unknown => {
-            let found = if result.accepted.is_empty() {
-                String::new()
-            } else {
-                format!(" beside {}", result.accepted.join(" and "))
-            };
-            match result.unexplained.covariates.as_slice() {
-                [] => format!("unknown{found}: too many rows are outliers"),
-                columns => format!("unknown{found}: errors depend on {}", columns.join(", ")),
-            }
-        }
-    }];
+    let mut out = vec![headline(data, result), format!("verdict: {}", result.verdict.name())];
     out.splice(0..0, warning_lines(data, result.outliers));
-    out.extend(ladder_text(&result.steps, result.noise_floor, unit));
+    out.extend(ladder_text(&result.steps, &result.noise, unit));
     if let Some(next) = &result.next {
         let gain =
             next.expected_sigma.map_or_else(String::new, |s| format!(", would differ by {s:.1} sigma"));
@@ -383,7 +237,7 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
 pub fn fit_text(data: &Dataset, result: &Fit) -> Vec<String> {
     let unit = data.kind.unit();
     let mut out = warning_lines(data, result.outliers);
-    out.extend(ladder_text(&result.steps, result.noise_floor, unit));
+    out.extend(ladder_text(&result.steps, &result.noise, unit));
     out.push(format!(
         "{:10.4} | {:8.4} {unit}  in the fit, {} outliers left out",
         result.rms, result.rms_unweighted, result.outliers

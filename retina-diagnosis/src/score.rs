@@ -1,4 +1,4 @@
-//! Scores of candidate columns beside a fitted base, their p-values by sign-flips of whole groups, held-out errors.
+//! Scores of candidate columns beside a fitted base, their p-values by sign-flips of whole units, held-out errors.
 //!
 //! The score of columns C beside a base B with whitened errors e is e^T C~ (C~^T C~)^-1 C~^T e, C~ the part of C that
 //! is orthogonal to B: under the base it is chi-squared with rank(C~) degrees of freedom if errors are normal. Its
@@ -11,30 +11,29 @@ use std::sync::OnceLock;
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
+use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
-use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution as _, StandardNormal};
 use rayon::prelude::*;
 
 use crate::data::Dataset;
 use crate::linear::{Basis, dot, matrix, solve_positive};
 use crate::noise::{RobustFit, Weights, robust_fit};
-use crate::series::two_sided;
+use crate::units::Units;
 
 /// Columns that keep less than this of their length beside the base are the base's own.
 const IDENTICAL: f64 = 1e-4;
-/// Groups are left out in this many parts.
+/// Units are left out in this many parts.
 const FOLDS: usize = 10;
 /// Columns that are projected together.
 const BLOCK: usize = 24;
-/// Flips that are counted together.
-const FLIP_BLOCK: usize = 256;
 
 /// A base fitted to data: what candidates are scored beside.
 pub(crate) struct Frame<'d> {
     pub(crate) data: &'d Dataset,
     pub(crate) weights: Weights,
+    /// What is flipped and left out together.
+    pub(crate) units: Units,
     /// Orthonormal whitened columns of the base.
     basis: Basis,
     /// The same side by side.
@@ -48,16 +47,17 @@ pub(crate) struct Frame<'d> {
 }
 
 struct Fold {
-    groups: Vec<usize>,
+    /// Ranges of rows, each with its unit.
+    ranges: Vec<(std::ops::Range<usize>, usize)>,
     gram: Mat<f64>,
     right: Vec<f64>,
 }
 
 /// Score of a candidate beside the base.
 pub(crate) struct Score {
-    /// Contributions along each of its orthonormal directions: a row for each group, then one for each part of the
+    /// Contributions along each of its orthonormal directions: a row for each range of a unit, then one for each part of the
     /// calibration's error of unit variance.
-    contributions: Mat<f64>,
+    pub(crate) contributions: Mat<f64>,
     /// The score.
     pub(crate) statistic: f64,
 }
@@ -65,7 +65,7 @@ pub(crate) struct Score {
 /// Held-out errors of a model.
 #[derive(Clone)]
 pub(crate) struct HeldOut {
-    /// Whitened squares of each group when it was left out.
+    /// Whitened squares of each unit when it was left out.
     pub(crate) loss: Vec<f64>,
     /// Weighted rms per component of rows left out, the group's own error included.
     pub(crate) rms: f64,
@@ -120,7 +120,7 @@ impl<'d> Frame<'d> {
         if basis.q.is_empty() {
             q = Mat::zeros(y.len(), 0);
         }
-        Self { data, weights, basis, q, y, error, folds: OnceLock::new() }
+        Self { data, weights, units: Units::of(data), basis, q, y, error, folds: OnceLock::new() }
     }
 
     /// Components of the rows that count.
@@ -184,19 +184,19 @@ impl<'d> Frame<'d> {
     /// Score along C~ L^-T, of columns that are beside the base already.
     fn of_directions(&self, c: faer::MatRef<'_, f64>, kept: &[usize], inverse: &Mat<f64>) -> Score {
         let n = self.data.kind.components();
-        let (groups, length) = (self.data.groups.len(), self.data.y.len());
+        let (ranges, length) = (self.units.ranges.len(), self.data.y.len());
         let field = self.y.len() - length;
-        let mut raw = Mat::<f64>::zeros(groups + field, kept.len());
+        let mut raw = Mat::<f64>::zeros(ranges + field, kept.len());
         let mut sums = vec![0.0; kept.len()];
         for (k, &column) in kept.iter().enumerate() {
             let values = c.col(column).try_as_col_major().map_or(&[][..], |column| column.as_slice());
-            for (g, group) in self.data.groups.iter().enumerate() {
-                let span = group.rows.start * n..group.rows.end * n;
+            for (g, rows) in self.units.ranges.iter().enumerate() {
+                let span = rows.start * n..rows.end * n;
                 raw[(g, k)] = dot(&values[span.clone()], &self.error[span]);
                 sums[k] += raw[(g, k)];
             }
             for j in 0..field {
-                raw[(groups + j, k)] = values[length + j];
+                raw[(ranges + j, k)] = values[length + j];
                 sums[k] += values[length + j] * self.error[length + j];
             }
         }
@@ -238,30 +238,41 @@ impl<'d> Frame<'d> {
         own.q
     }
 
-    /// Parts of the groups with what the base needs for leaving them out.
+    /// The same frame, of which runs of rows are left out instead of whole groups: for what one group alone can tell.
+    pub(crate) fn leaving_out_rows(mut self) -> Self {
+        self.units = Units::runs_of_rows(self.data);
+        self.folds = OnceLock::new();
+        self
+    }
+
+    /// Parts of the units with what the base needs for leaving them out.
     fn folds(&self) -> &[Fold] {
         self.folds.get_or_init(|| {
-            folds(self.data.groups.len())
+            folds(self.units.count)
                 .into_par_iter()
-                .map(|groups| {
+                .map(|units| {
+                    let ranges: Vec<_> = units
+                        .iter()
+                        .flat_map(|&unit| self.units.of_unit(unit).map(move |range| (range, unit)))
+                        .collect();
                     let k = self.q.ncols();
                     let (mut gram, mut right) = (Mat::<f64>::zeros(k, k), vec![0.0; k]);
-                    for span in self.spans(&groups) {
+                    for span in self.spans(&ranges) {
                         let q = self.q.subrows(span.start, span.len());
                         matmul(gram.as_mut(), Accum::Add, q.transpose(), q, 1.0, Par::Seq);
                         for (r, q) in right.iter_mut().zip(&self.basis.q) {
                             *r += dot(&q[span.clone()], &self.y[span.clone()]);
                         }
                     }
-                    Fold { groups, gram, right }
+                    Fold { ranges, gram, right }
                 })
                 .collect()
         })
     }
 
-    fn spans(&self, groups: &[usize]) -> Vec<std::ops::Range<usize>> {
+    fn spans(&self, ranges: &[(std::ops::Range<usize>, usize)]) -> Vec<std::ops::Range<usize>> {
         let n = self.data.kind.components();
-        groups.iter().map(|&g| self.data.groups[g].rows.start * n..self.data.groups[g].rows.end * n).collect()
+        ranges.iter().map(|(rows, _)| rows.start * n..rows.end * n).collect()
     }
 
     /// Held-out errors of the base with further columns.
@@ -272,9 +283,9 @@ impl<'d> Frame<'d> {
         let k = all.len();
         let projections: Vec<f64> = all.iter().map(|q| dot(q, &self.y)).collect();
         let mut error = self.y[..self.data.y.len()].to_vec();
-        let mut loss = vec![0.0; self.data.groups.len()];
+        let mut loss = vec![0.0; self.units.count];
         for fold in self.folds() {
-            let spans = self.spans(&fold.groups);
+            let spans = self.spans(&fold.ranges);
             let over = |a: &[f64], b: &[f64]| -> f64 {
                 spans.iter().map(|span| dot(&a[span.clone()], &b[span.clone()])).sum()
             };
@@ -294,11 +305,11 @@ impl<'d> Frame<'d> {
                 .collect();
             // The matrix is a Gram matrix plus a small positive diagonal.
             let coefficients = solve_positive(&normal, &right).unwrap_or_else(|| vec![0.0; k]);
-            for (&g, span) in fold.groups.iter().zip(&spans) {
+            for ((_, unit), span) in fold.ranges.iter().zip(&spans) {
                 for (q, c) in all.iter().zip(&coefficients) {
                     error[span.clone()].iter_mut().zip(&q[span.clone()]).for_each(|(e, q)| *e -= c * q);
                 }
-                loss[g] += dot(&error[span.clone()], &error[span.clone()]);
+                loss[*unit] += dot(&error[span.clone()], &error[span.clone()]);
             }
         }
         let n = self.data.kind.components();
@@ -346,12 +357,12 @@ fn independent(gram: &Mat<f64>, before: &[f64]) -> (Vec<usize>, Mat<f64>) {
     (kept, inverse)
 }
 
-/// Groups in parts, drawn once and for all.
-fn folds(groups: usize) -> Vec<Vec<usize>> {
-    let mut order: Vec<usize> = (0..groups).collect();
+/// Units in parts, drawn once and for all.
+fn folds(units: usize) -> Vec<Vec<usize>> {
+    let mut order: Vec<usize> = (0..units).collect();
     order.shuffle(&mut ChaCha8Rng::seed_from_u64(0));
-    let count = FOLDS.min(groups).max(1);
-    (0..count).map(|k| order[k * groups / count..(k + 1) * groups / count].to_vec()).collect()
+    let count = FOLDS.min(units).max(1);
+    (0..count).map(|k| order[k * units / count..(k + 1) * units / count].to_vec()).collect()
 }
 
 impl Score {
@@ -370,136 +381,10 @@ impl Score {
     }
 }
 
-fn deviate(statistic: f64, rank: usize) -> f64 {
+pub(crate) fn deviate(statistic: f64, rank: usize) -> f64 {
     if rank == 0 {
         return f64::NEG_INFINITY;
     }
     let ninth = 2.0 / (9.0 * rank as f64);
     ((statistic / rank as f64).cbrt() - (1.0 - ninth)) / ninth.sqrt()
-}
-
-/// Draws from the null: a row for each, +-1 for each group, then a normal deviate for each part of the calibration's
-/// error.
-pub(crate) struct Flips {
-    draws: Mat<f64>,
-    groups: usize,
-}
-
-impl Flips {
-    pub(crate) fn draw(data: &Dataset, count: usize, seed: u64) -> Self {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let (groups, field) = (data.groups.len(), data.field_len());
-        let mut out = Mat::<f64>::zeros(count, groups + field);
-        for draw in 0..count {
-            for g in 0..groups {
-                out[(draw, g)] = if random.random::<bool>() { -1.0 } else { 1.0 };
-            }
-        }
-        for draw in 0..count {
-            for k in 0..field {
-                out[(draw, groups + k)] = StandardNormal.sample(&mut random);
-            }
-        }
-        Self { draws: out, groups }
-    }
-
-    fn count(&self) -> usize {
-        self.draws.nrows()
-    }
-}
-
-/// Share of flips beyond which a candidate's own scale is told.
-const TAIL: f64 = 0.01;
-/// The distribution of normal errors counts for this many tests: it finds what is far beyond noise, and else leaves the
-/// levels to the flips.
-const PARAMETRIC: f64 = 10.0;
-
-/// For each candidate (each a list of variants' scores) its p-value, corrected for all that are given.
-///
-/// By flips: each candidate's best form is measured on the scale of its own flips, so that a form which is searched over
-/// many shapes does not set the others' threshold, and the share of flips counts in which any candidate reaches as far
-/// (P. H. Westfall, S. S. Young, Resampling-Based Multiple Testing, 1993, sec. 2.5). An effect that few groups carry,
-/// a step near the end, can be flipped in few ways only; of such the p-value of normal errors with as many degrees of
-/// freedom as groups is taken, times the number of forms and [`PARAMETRIC`], where that is less.
-pub(crate) fn p_values(candidates: &[Vec<&Score>], flips: &Flips) -> Vec<f64> {
-    let scores: Vec<&Score> = candidates.iter().flatten().copied().collect();
-    let rank: usize = scores.iter().map(|score| score.rank()).sum();
-    let mut contributions = Mat::<f64>::zeros(flips.draws.ncols(), rank);
-    let mut first = 0;
-    for score in &scores {
-        contributions.as_mut().subcols_mut(first, score.rank()).copy_from(&score.contributions);
-        first += score.rank();
-    }
-    let starts: Vec<usize> = (0..flips.count()).step_by(FLIP_BLOCK).collect();
-    // For each draw: each candidate's best form.
-    let best: Vec<Vec<f64>> = starts
-        .par_iter()
-        .flat_map_iter(|&start| {
-            let count = FLIP_BLOCK.min(flips.count() - start);
-            let along = flips.draws.subrows(start, count) * &contributions;
-            let mut first = 0;
-            let mut best = vec![vec![f64::NEG_INFINITY; candidates.len()]; count];
-            for (c, variants) in candidates.iter().enumerate() {
-                // Of forms of one rank the largest sum is the largest deviate.
-                let mut largest: Vec<(usize, Vec<f64>)> = Vec::new();
-                for score in variants {
-                    let mut sums = vec![0.0; count];
-                    for k in first..first + score.rank() {
-                        sums.iter_mut().zip(along.col_as_slice(k)).for_each(|(sum, v)| *sum += v * v);
-                    }
-                    first += score.rank();
-                    match largest.iter_mut().find(|(rank, _)| *rank == score.rank()) {
-                        Some((_, most)) => most.iter_mut().zip(&sums).for_each(|(m, s)| *m = m.max(*s)),
-                        None => largest.push((score.rank(), sums)),
-                    }
-                }
-                for (rank, most) in &largest {
-                    for (draw, sum) in best.iter_mut().zip(most) {
-                        draw[c] = draw[c].max(deviate(*sum, *rank));
-                    }
-                }
-            }
-            best
-        })
-        .collect();
-    let own: Vec<f64> = candidates
-        .iter()
-        .map(|variants| variants.iter().map(|score| score.deviate()).fold(f64::NEG_INFINITY, f64::max))
-        .collect();
-    // Middle and tail of each candidate's draws, the data themselves being one of them.
-    let scales: Vec<(f64, f64)> = (0..candidates.len())
-        .map(|c| {
-            let mut draws: Vec<f64> = best.iter().map(|draw| draw[c]).collect();
-            draws.push(own[c]);
-            draws.sort_by(f64::total_cmp);
-            let at = |share: f64| draws[((draws.len() - 1) as f64 * share).round() as usize];
-            (at(0.5), (at(1.0 - TAIL) - at(0.5)).max(1e-9))
-        })
-        .collect();
-    let scaled = |c: usize, value: f64| {
-        if value == f64::NEG_INFINITY { value } else { (value - scales[c].0) / scales[c].1 }
-    };
-    let highest: Vec<f64> = best
-        .iter()
-        .map(|draw| draw.iter().enumerate().map(|(c, v)| scaled(c, *v)).fold(f64::NEG_INFINITY, f64::max))
-        .collect();
-    own.iter()
-        .enumerate()
-        .map(|(c, &own)| {
-            if own == f64::NEG_INFINITY {
-                return 1.0;
-            }
-            // Sums of flipped and unflipped order differ by rounding.
-            let height = scaled(c, own);
-            let reached = highest.iter().filter(|h| **h >= height - 1e-9 * height.abs()).count();
-            let by_flips = (1 + reached) as f64 / (1 + flips.count()) as f64;
-            let least = 1.0 / (1 + flips.count()) as f64;
-            let normal = if flips.groups > 2 && own > 0.0 {
-                PARAMETRIC * scores.len() as f64 * two_sided(own, flips.groups - 2)
-            } else {
-                1.0
-            };
-            by_flips.min(normal.max(least))
-        })
-        .collect()
 }

@@ -1,7 +1,8 @@
 //! Screens: what the errors still depend on, whatever the cause.
 
 use crate::data::Dataset;
-use crate::score::{Flips, Frame, Score, p_values};
+use crate::flips::{Flips, p_values};
+use crate::score::{Frame, Score};
 use retina_formats::TableKind;
 
 /// A screen and its score.
@@ -37,7 +38,7 @@ pub(crate) fn legendre(t: f64, degree: usize) -> Vec<f64> {
 }
 
 /// Mid-ranks of values, -1 to 1: screens do not depend on how a covariate is scaled. Rows without a value have none.
-fn ranks(values: &[f64]) -> Vec<f64> {
+pub(crate) fn ranks(values: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..values.len()).filter(|&row| !values[row].is_nan()).collect();
     order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
     let mut out = vec![f64::NAN; values.len()];

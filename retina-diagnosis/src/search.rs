@@ -5,11 +5,12 @@ use rayon::prelude::*;
 use retina_formats::{EffectId, PowerEffect};
 
 use crate::added::AddedEffect;
-use crate::catalogue::{Effect, Variant, effects};
+use crate::catalogue::{Effect, Variant, effects, wide};
 use crate::data::Dataset;
 use crate::diagnose::NotTestable;
 use crate::estimate::is_implausible;
-use crate::score::{Flips, Frame, HeldOut, Score, p_values};
+use crate::flips::{Flips, p_values};
+use crate::score::{Frame, HeldOut, Score};
 use crate::series::{Outlying, outlying};
 
 /// Level of the first test over all effects, and over all screens: together below 5 %.
@@ -18,9 +19,6 @@ pub(crate) const LEVEL_FIRST: [f64; 2] = [0.02, 0.01];
 pub(crate) const LEVEL_LATER: [f64; 2] = [0.01, 0.005];
 /// A competitor stays in the set while the best effect adds nothing to it at this level.
 const LEVEL_SET: f64 = 0.02;
-/// Standard errors by which the error on groups left out may rise with an effect. An effect that shows in one group alone
-/// cannot lower it: the other groups know nothing of it.
-const WORSE: f64 = 1.5;
 /// Level below which one may be named in place of a significant one that it clearly beats on groups left out.
 const LEVEL_RIVAL: f64 = 0.1;
 /// Standard errors of the held-out error by which a form has to be better with its further columns.
@@ -28,9 +26,9 @@ pub(crate) const REFINED: f64 = 1.0;
 /// Standard errors by which a rival of the same class is worse when it is left out of the set.
 const CLEARLY_WORSE: f64 = 2.5;
 /// An effect or structure weaker than this, rms over noise, is not reported.
-const FLOOR_NOISE: f64 = 0.025;
-/// Nor is one weaker than this part of what was accepted: forms are leading ones.
-const FLOOR_ACCEPTED: f64 = 0.05;
+pub(crate) const FLOOR_NOISE: f64 = 0.025;
+/// A rival explains what the best effect does if it leaves less than this part of it.
+const PART_OF_BEST: f64 = 0.05;
 /// Rows that are searched and screened: their columns take about half a gigabyte.
 pub(crate) const MOST_ROWS: usize = 50_000;
 /// The effect that is a whole group's own, and the level of its test; its forms are in the groups' order.
@@ -55,6 +53,22 @@ impl Prepared<'_> {
         out.extend(self.variants[variant].further.iter().map(|term| data.column(term)));
         out
     }
+
+    /// Second orders and other shapes of its own.
+    fn wide(&self, data: &Dataset, variant: usize) -> Vec<Vec<f64>> {
+        wide(data, self.effect.id, &self.variants[variant].shape)
+    }
+}
+
+/// An accepted effect.
+pub(crate) struct Accepted {
+    /// Its number among those that are prepared, and that of its form.
+    pub(crate) index: usize,
+    pub(crate) variant: usize,
+    /// What was taken out with it.
+    pub(crate) columns: Vec<Vec<f64>>,
+    /// Whether second orders of its own were needed.
+    widened: bool,
 }
 
 pub(crate) struct Ranked {
@@ -75,15 +89,13 @@ pub(crate) struct Search<'a> {
     data: &'a Dataset,
     prepared: &'a [Prepared<'a>],
     flips: &'a Flips,
-    /// Strength of what was found before the search, rms over noise.
-    before: Option<f64>,
-    /// Strength of what was found, rms over noise.
-    strength: f64,
+    /// Whether something was found before the search.
+    later: bool,
     excluded: Vec<bool>,
     /// Columns of the baseline and of the accepted effects.
     pub(crate) base: Vec<Vec<f64>>,
-    /// Accepted effects: number and form.
-    pub(crate) accepted: Vec<(usize, usize)>,
+    /// Accepted effects.
+    pub(crate) accepted: Vec<Accepted>,
     /// For each of them, those that these data cannot tell from it.
     pub(crate) sets: Vec<Vec<usize>>,
     /// All candidates beside the baseline.
@@ -98,14 +110,13 @@ impl<'a> Search<'a> {
         prepared: &'a [Prepared<'a>],
         flips: &'a Flips,
         base: Vec<Vec<f64>>,
-        before: Option<f64>,
+        later: bool,
     ) -> Self {
         Self {
             data,
             prepared,
             flips,
-            before,
-            strength: before.unwrap_or(0.0),
+            later,
             excluded: vec![false; prepared.len()],
             base,
             accepted: Vec::new(),
@@ -117,22 +128,46 @@ impl<'a> Search<'a> {
 
     /// The level of the first effect, or of later ones.
     pub(crate) fn level(&self, first: f64, later: f64) -> f64 {
-        if self.accepted.is_empty() && self.before.is_none() { first } else { later }
-    }
-
-    /// What is weaker is not reported, rms over noise.
-    pub(crate) fn floor(&self) -> f64 {
-        FLOOR_NOISE.max(FLOOR_ACCEPTED * self.strength)
+        if self.accepted.is_empty() && !self.later { first } else { later }
     }
 
     fn accept(&mut self, index: usize, variant: usize, set: Vec<usize>) {
-        self.base.extend(self.prepared[index].whole(self.data, variant));
-        self.accepted.push((index, variant));
+        let columns = self.prepared[index].whole(self.data, variant);
+        self.base.extend(columns.iter().cloned());
+        self.accepted.push(Accepted { index, variant, columns, widened: false });
         self.excluded[index] = true;
         for &member in &set {
             self.excluded[member] = true;
         }
         self.sets.push(set);
+    }
+
+    /// Takes an accepted effect out of the model; it is not looked for again.
+    pub(crate) fn take_out(&mut self, place: usize, baseline: &[Vec<f64>]) {
+        self.accepted.remove(place);
+        self.sets.remove(place);
+        self.base = baseline.to_vec();
+        for accepted in &self.accepted {
+            self.base.extend(accepted.columns.iter().cloned());
+        }
+    }
+
+    /// Takes out with accepted effects what they are beyond their leading forms, where that lowers the error of what is
+    /// left out: what is left of a strong effect is its own, before it is another.
+    fn widen(&mut self) {
+        for k in 0..self.accepted.len() {
+            if self.accepted[k].widened {
+                continue;
+            }
+            let own = self.prepared[self.accepted[k].index].wide(self.data, self.accepted[k].variant);
+            let frame = Frame::fitted(self.data, &self.base);
+            if own.is_empty() || frame.held_out(&[]).beaten_by(&frame.held_out(&own)) <= REFINED {
+                continue;
+            }
+            self.base.extend(own.iter().cloned());
+            self.accepted[k].columns.extend(own);
+            self.accepted[k].widened = true;
+        }
     }
 
     /// Tests whether one group is off as a whole, and says so.
@@ -146,7 +181,7 @@ impl<'a> Search<'a> {
         }
         self.accept(index, group, vec![index]);
         Some(format!(
-            "series `{}` is off by a factor of {:.3} (Grubbs' test of the series' levels). No other series knows that factor, so that accepting it does not lower the error on series left out",
+            "series `{}` is off by a factor of {:.3} (Grubbs' test of the series' levels). No other series knows that factor: the errors are told on rows left out, not on whole series",
             self.data.groups[group].name,
             1.0 + offset
         ))
@@ -169,15 +204,15 @@ impl<'a> Search<'a> {
         let weights = Frame::fitted(data, &with_best).weights;
         let frame = Frame::weighted(data, &self.base, weights);
         let ranking = rank(&frame, prepared, &self.excluded, self.flips);
-        let Some(best) = pick(&ranking, level, self.floor(), &frame.held_out(&[])) else {
+        let Some(best) = pick(&ranking, level, FLOOR_NOISE, &frame.held_out(&[])) else {
             self.first_ranking.get_or_insert(ranking);
             return false;
         };
         let (index, variant) = (best.index, best.variant);
         let set = confusable(&frame, prepared, &ranking, best, level, self.flips);
-        self.strength = f64::hypot(self.strength, best.strength);
         self.first_ranking.get_or_insert(ranking);
         self.accept(index, variant, set);
+        self.widen();
         true
     }
 }
@@ -259,12 +294,12 @@ fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: 
 }
 
 /// The one that is worth its name, with the fewest columns of those whose held-out error is within a standard error of
-/// the least (L. Breiman et al., Classification and Regression Trees, 1984, sec. 3.4.3). One that makes the held-out
-/// error clearly larger than `before` is none. That there is something is for the significant ones to say; which one it is may
+/// the least (L. Breiman et al., Classification and Regression Trees, 1984, sec. 3.4.3). One that does not lower
+/// the held-out error below `before` is none. That there is something is for the significant ones to say; which one it is may
 /// be one whose p-value few groups keep large, if it is clearly better on groups left out. One whose amplitude cannot be
 /// comes after all of equal merit.
 fn pick<'r>(ranking: &'r [Ranked], level: f64, floor: f64, before: &HeldOut) -> Option<&'r Ranked> {
-    let better = |r: &&Ranked| r.strength >= floor && r.held_out.beaten_by(before) <= WORSE;
+    let better = |r: &&Ranked| r.strength >= floor && before.beaten_by(&r.held_out) > 0.0;
     let significant = || ranking.iter().filter(|r| r.p_value <= level).filter(better);
     let least = significant().next()?;
     let rival = ranking.iter().filter(|r| r.p_value <= LEVEL_RIVAL && !r.implausible).find(better);
@@ -315,7 +350,7 @@ fn confusable(
             let class = prepared[best.index].effect.class.contains(&prepared[rival.index].effect.id);
             (class && rival.held_out.beaten_by(&best.held_out) <= CLEARLY_WORSE)
                 || score.rank() == 0
-                || score.strength(beside.components()) < FLOOR_ACCEPTED * best.strength
+                || score.strength(beside.components()) < PART_OF_BEST * best.strength
                 || p_values(&[vec![&score]], flips)[0] > LEVEL_SET
         })
         .collect();

@@ -4,8 +4,15 @@
 
 use crate::data::Dataset;
 
-/// Fewest groups: with fewer the others' scatter is not known.
-const FEWEST: usize = 5;
+/// Fewest groups: of two that differ none is the one that is off.
+const FEWEST: usize = 3;
+/// With few groups the others' scatter is hardly known. A meter that is set up anew for each series repeats within some
+/// 5 %: that counts as much as this many groups (a scaled inverse chi-squared prior; A. Gelman et al., Bayesian Data
+/// Analysis, 3rd ed., sec. 2.6).
+const PRIOR_SCATTER: f64 = 0.05;
+const PRIOR_GROUPS: f64 = 4.0;
+/// With more groups than this their own scatter is known.
+const MANY: usize = 8;
 
 /// A group that is off.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,10 +37,13 @@ pub(crate) fn outlying(data: &Dataset, error: &[f64]) -> Option<Outlying> {
         .map(|group| {
             let rest = || levels.iter().enumerate().filter(|(g, _)| *g != group).map(|(_, level)| *level);
             let mean = rest().sum::<f64>() / others;
-            let variance = rest().map(|level| (level - mean).powi(2)).sum::<f64>() / (others - 1.0);
+            let prior = if count < MANY { PRIOR_GROUPS } else { 0.0 };
+            let squares = rest().map(|level| (level - mean).powi(2)).sum::<f64>();
+            let free = others - 1.0 + prior;
+            let variance = (squares + prior * PRIOR_SCATTER.powi(2)) / free;
             let offset = levels[group] - mean;
             let t = offset.abs() / (variance * (1.0 + 1.0 / others)).sqrt().max(f64::MIN_POSITIVE);
-            let p_value = (count as f64 * two_sided(t, count - 2)).min(1.0);
+            let p_value = (count as f64 * two_sided(t, free as usize)).min(1.0);
             (t, Outlying { group, p_value, offset })
         })
         .max_by(|a, b| a.0.total_cmp(&b.0))

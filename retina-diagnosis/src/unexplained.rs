@@ -1,7 +1,9 @@
 //! What is left when all effects have been tried: the columns on which errors still depend.
 
 use crate::data::Dataset;
-use crate::score::{Flips, Frame, p_values};
+use crate::flips::{Flips, p_values};
+use crate::pairs::{Shared, power, shared};
+use crate::score::Frame;
 use crate::screens::{columns_of, screen_p_values, screens};
 
 /// Errors that are left.
@@ -11,7 +13,17 @@ pub struct Unexplained {
     pub p_value: f64,
     /// Columns on which the errors depend.
     pub covariates: Vec<String>,
+    /// Widest cells of the field within which neighbours share an error, px of the screen, where that is what was found.
+    pub width_px: Option<f64>,
+    /// Ripples that would have been found with 95 %: their wavelength in pixels of the screen, and their amplitude in
+    /// the table's unit.
+    pub visible: Vec<[f64; 2]>,
 }
+
+/// Seed of the draws of the neighbours' test.
+const PAIRS_SEED: u64 = 2;
+/// Wavelengths of ripples for which the test's power is told, px of the screen.
+const WAVELENGTHS_PX: [f64; 4] = [50.0, 100.0, 200.0, 400.0];
 
 /// Screens of what is left, significant at `level`; the strongest is taken out before further ones are looked for at
 /// the level `later`. None weaker than `floor`, rms over noise, counts.
@@ -24,11 +36,16 @@ pub(crate) fn unexplained(
 ) -> Unexplained {
     let frame = Frame::fitted(data, &base);
     let all = screens(&frame);
-    let p = screen_p_values(&all, flips);
+    // Two tests, the smaller p-value of which counts: it is corrected for their number (Z. Sidak, JASA 62, 1967).
+    let of_two = |p: f64| 1.0 - (1.0 - p).powi(2);
+    let p: Vec<f64> = screen_p_values(&all, flips).into_iter().map(of_two).collect();
+    let shared = shared(&frame, PAIRS_SEED);
     let components = frame.components();
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|&a, &b| all[b].score.deviate().total_cmp(&all[a].score.deviate()));
-    let p_value = order.first().map_or(1.0, |&i| p[i]);
+    let least_shared = shared.first().map_or(1.0, |shared| of_two(shared.p_value));
+    let p_value = order.first().map_or(1.0, |&i| p[i]).min(least_shared);
+    let mut width_px = None;
     let mut covariates: Vec<String> = Vec::new();
     let first = order.iter().find(|&&i| p[i] <= level && all[i].score.strength(components) >= floor);
     if let Some(&first) = first {
@@ -49,8 +66,15 @@ pub(crate) fn unexplained(
                 }
             }
         }
+    } else if let Some(found) =
+        shared.iter().find(|shared| of_two(shared.p_value) <= level && shared.strength >= floor)
+    {
+        covariates.extend(found.covariates.iter().cloned());
+        let same = |s: &&Shared| s.covariates == found.covariates && of_two(s.p_value) <= level;
+        width_px = shared.iter().filter(same).filter_map(|s| s.width_px).reduce(f64::max);
     }
-    Unexplained { p_value, covariates }
+    let visible = power(&frame, &WAVELENGTHS_PX).into_iter().map(|(width, size)| [width, size]).collect();
+    Unexplained { p_value, covariates, width_px, visible }
 }
 
 /// Whether what depends on one column also points along or across the radius, and not the same way everywhere.

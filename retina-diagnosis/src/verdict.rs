@@ -5,7 +5,7 @@ use crate::data::Dataset;
 /// The outcome.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// No effect beyond noise.
+    /// No effect and no structure beyond noise.
     Adequate,
     /// Each accepted effect is the only one that fits.
     Named,
@@ -13,6 +13,23 @@ pub enum Verdict {
     Confounded,
     /// Structure that no effect of the catalogue explains.
     Unknown,
+    /// Nothing was found, and these data could not have shown it.
+    Undecided,
+}
+
+/// What a verdict is made of.
+#[derive(Debug, Clone, Copy)]
+pub struct Findings {
+    /// Structure is left.
+    pub structure: bool,
+    /// No effect was accepted.
+    pub nothing: bool,
+    /// An accepted effect has rivals.
+    pub several: bool,
+    /// Too many rows are outliers.
+    pub outliers: bool,
+    /// These data cannot say whether something is left.
+    pub too_little: bool,
 }
 
 /// Share of outliers above which a model does not describe the table, whatever it leaves of the other rows.
@@ -24,18 +41,21 @@ pub fn too_many_outliers(data: &Dataset, outliers: usize) -> bool {
 }
 
 impl Verdict {
-    /// From what was found: structure that is left, nothing accepted, a set with several members, too many outliers.
-    pub fn of(structure: bool, nothing: bool, several: bool, outliers: bool) -> Self {
-        match (structure || (nothing && outliers), nothing, several) {
-            (true, ..) => Self::Unknown,
-            (false, true, _) => Self::Adequate,
-            (false, false, true) => Self::Confounded,
-            (false, false, false) => Self::Named,
+    /// From what was found.
+    pub fn of(found: Findings) -> Self {
+        if found.structure || (found.nothing && found.outliers) {
+            return Self::Unknown;
+        }
+        match (found.nothing, found.too_little, found.several) {
+            (true, true, _) => Self::Undecided,
+            (true, false, _) => Self::Adequate,
+            (false, _, true) => Self::Confounded,
+            (false, _, false) => Self::Named,
         }
     }
 
     /// Its name in JSON.
     pub fn name(self) -> &'static str {
-        ["adequate", "named", "confounded", "unknown"][self as usize]
+        ["adequate", "named", "confounded", "unknown", "undecided"][self as usize]
     }
 }

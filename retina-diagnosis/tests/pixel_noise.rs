@@ -29,7 +29,7 @@ fn rounded_noise_is_told_as_it_is() {
         *measured = (12.0 + noise).round();
     }
     pixels.least_noise = 1.0 / 12f64.sqrt();
-    let found = compare(&Dataset::of_pixels(pixels).unwrap(), &[]).noise_floor;
+    let found = compare(&Dataset::of_pixels(pixels).unwrap(), &[]).noise.floor();
     assert!((found / (13.0f64 / 12.0).sqrt() - 1.0).abs() < 0.05, "{found}");
 }
 
@@ -93,9 +93,9 @@ fn noise_is_told_from_structure() {
         for (name, missed) in missed {
             for bin in [1, 3] {
                 let (data, truth) = image(side, bin, missed, side as u64 + 7 * bin as u64);
-                let compared = compare(&data, &[]).noise_floor;
+                let compared = compare(&data, &[]).noise.floor();
                 let options = DiagnoseOptions { flips: 199, seed: 1 };
-                let diagnosed = diagnose(&data, &[], &options).noise_floor;
+                let diagnosed = diagnose(&data, &[], &options).noise.floor();
                 println!("{side} {bin} {name}: {compared:.3} {diagnosed:.3}, {truth:.3} is true");
                 for found in [compared, diagnosed] {
                     // Overlapping differences of n pixels have a median that scatters by 1.6 / sqrt(n).

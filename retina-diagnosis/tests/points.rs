@@ -206,8 +206,8 @@ fn an_outside_field_names_irradiance_and_place() {
     std::fs::write(&path, &shape.formula).unwrap();
     let effect = AddedEffect::read(path.to_str().unwrap(), &data).unwrap();
     let result = fit(&data, &[effect]).unwrap();
-    let beyond = |step: usize| result.steps[step].heldout_rms.powi(2) - result.noise_floor.powi(2);
-    assert!(beyond(0) > 3.0 && beyond(1) < 0.15 * beyond(0), "{:?} {}", result.steps, result.noise_floor);
+    let beyond = |step: usize| result.steps[step].heldout_rms.powi(2) - result.noise.floor().powi(2);
+    assert!(beyond(0) > 3.0 && beyond(1) < 0.15 * beyond(0), "{:?} {}", result.steps, result.noise.floor());
 }
 
 /// A cubic swallows a tilted screen and the lens's k1; told as physics both come back. By hand, with s = 8 arcsec:

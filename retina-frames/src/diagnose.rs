@@ -1,8 +1,8 @@
 //! Effects found one by one; the prediction is made anew with each, so that what two do together is in it.
 
 use retina_diagnosis::{
-    AddedEffect, Candidate, Dataset, DiagnoseOptions, Diagnosis, Parameter, Step, Verdict, diagnose_step,
-    fit, implausible, too_many_outliers,
+    AddedEffect, Candidate, Dataset, DiagnoseOptions, Diagnosis, Findings, Parameter, Step, Verdict,
+    diagnose_step, fit, implausible, too_many_outliers,
 };
 use retina_files::InputError;
 
@@ -25,9 +25,14 @@ pub fn diagnose_frames(
 ) -> Result<(Dataset, Vec<AddedEffect>, Diagnosis), InputError> {
     let (mut data, mut added) = set.with_effects(effects)?;
     let given = added.len();
-    let mut found = diagnose_step(&data, &added, options, None);
-    let mut out =
-        Diagnosis { accepted: Vec::new(), indistinguishable: Vec::new(), next: None, ..found.clone() };
+    let mut found = diagnose_step(&data, &added, options, false);
+    let mut out = Diagnosis {
+        accepted: Vec::new(),
+        rivals: Vec::new(),
+        indistinguishable: Vec::new(),
+        next: None,
+        ..found.clone()
+    };
     let mut decided: Vec<Candidate> = Vec::new();
     let mut several = false;
     let mut ladder: Vec<Step> = Vec::new();
@@ -57,6 +62,7 @@ pub fn diagnose_frames(
         (data, added, ladder, fitted_parameters) = (next, with, steps, parameters);
         out.accepted.push(id);
         several |= found.indistinguishable.len() > 1;
+        out.rivals.extend(found.rivals.drain(..));
         for rival in &found.indistinguishable {
             if !out.indistinguishable.contains(rival) {
                 out.indistinguishable.push(rival);
@@ -66,9 +72,7 @@ pub fn diagnose_frames(
             out.next = found.next.clone();
         }
         decided.extend(found.candidates.iter().find(|candidate| candidate.effect == id).cloned());
-        let floor = found.noise_floor.max(f64::MIN_POSITIVE);
-        let strength = (ladder[given].heldout_rms.powi(2) - after.powi(2)).max(0.0).sqrt() / floor;
-        found = diagnose_step(&data, &added, options, Some(strength));
+        found = diagnose_step(&data, &added, options, true);
     }
     // What was accepted has the values of the last model, and the error of its step of the ladder.
     for (k, candidate) in decided.iter_mut().enumerate() {
@@ -85,13 +89,18 @@ pub fn diagnose_frames(
     let later = found.candidates.into_iter().filter(|c| !out.accepted.contains(&c.effect));
     out.candidates = decided.into_iter().chain(later).collect();
     out.outliers = found.outliers;
-    out.noise_floor = found.noise_floor;
+    out.noise = found.noise;
     out.unexplained = found.unexplained;
     out.not_testable = found.not_testable;
     // Structure that is left after a refusal is structure all the same.
     let structure = !out.unexplained.covariates.is_empty();
-    out.verdict =
-        Verdict::of(structure, out.accepted.is_empty(), several, too_many_outliers(&data, out.outliers));
+    out.verdict = Verdict::of(Findings {
+        structure,
+        nothing: out.accepted.is_empty(),
+        several,
+        outliers: too_many_outliers(&data, out.outliers),
+        too_little: false,
+    });
     if !ladder.is_empty() {
         let accepted: Vec<String> = out.accepted.iter().map(|id| (*id).to_owned()).collect();
         let own = |(k, step): (usize, Step)| Step { effects: accepted[..k].to_vec(), ..step };

@@ -144,7 +144,7 @@ fn the_scenes_own_map_and_relief_come_out() {
     for p in &found.parameters {
         println!("{} = {} {:?}", p.name, p.value, p.sigma);
     }
-    println!("{:?} noise {}", found.steps, found.noise_floor);
+    println!("{:?} noise {}", found.steps, found.noise.floor());
     let value = |name: &str| found.parameters.iter().find(|p| p.name == name).unwrap().value;
     // The site looks at the Moon's middle: it is moved as the camera's is, and parameters and note say the same.
     for (name, truth, within) in [
@@ -161,7 +161,7 @@ fn the_scenes_own_map_and_relief_come_out() {
     let told: f64 = note.split("scale_relative ").nth(1).unwrap().trim_end_matches(')').parse().unwrap();
     assert!((told - value("scale_relative")).abs() < 1e-4, "{told}");
     assert!(note.contains(&format!("{:.5} times as large", 1.0 + told)), "{note}");
-    assert!((found.noise_floor / 1.04 - 1.0).abs() < 0.05, "{}", found.noise_floor);
+    assert!((found.noise.floor() / 1.04 - 1.0).abs() < 0.05, "{}", found.noise.floor());
     assert_eq!(value("albedo_map.power"), 1.0);
     assert!((value("albedo_map.contrast") - 1.0).abs() < 0.05);
     assert!((value("relief.share") - 1.0).abs() < 0.1);
@@ -173,10 +173,10 @@ fn noise_and_covariates_do_not_depend_on_what_is_missing() {
     let moon = Moon::new(3, false);
     let data = moon.read("smooth").unwrap().dataset(false).unwrap();
     let found = compare(&data, &[]);
-    println!("rms {} ({}) noise {}", found.rms, found.rms_unweighted, found.noise_floor);
+    println!("rms {} ({}) noise {}", found.rms, found.rms_unweighted, found.noise.floor());
     assert!(found.rms_unweighted > 5.0);
     let true_noise = (NOISE_DN * NOISE_DN + 1.0 / 12.0).sqrt();
-    assert!((found.noise_floor / true_noise - 1.0).abs() < 0.25, "{}", found.noise_floor);
+    assert!((found.noise.floor() / true_noise - 1.0).abs() < 0.25, "{}", found.noise.floor());
     let of = |name: &str| &data.covariates.iter().find(|c| c.name == name).unwrap().values;
     let beside = of("limb_distance_px");
     for name in ["incidence_deg", "emission_deg", "longitude_deg", "latitude_deg"] {

@@ -82,7 +82,7 @@ fn the_moon_is_explained_step_by_step() {
     println!(
         "{:?} noise {:.4}, {} pixels, {} saturated",
         found.verdict,
-        found.noise_floor,
+        found.noise.floor(),
         data.len(),
         data.saturated
     );

@@ -30,12 +30,15 @@ mod phase;
 mod point_forms;
 mod points;
 mod power;
+mod wide;
 
 use std::sync::LazyLock;
 
 use retina_formats::{EffectId, TableKind};
 
 use crate::data::{Dataset, Term};
+
+pub(crate) use wide::wide;
 
 /// One form of an effect: its shape parameters fixed, linear in its amplitudes.
 pub(crate) struct Variant<'a> {

@@ -191,7 +191,8 @@ pub(super) fn subpixel(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     Ok(plain(vec![Term::new("of_a_third_of_a_pixel", move |i| [offset(i), 0.0])]))
 }
 
-pub(super) fn thermal(data: &Dataset, focal: bool) -> Result<Vec<Variant<'_>>, String> {
+/// The temperature beside its mean, and lagged by several times, each with its lag in seconds.
+pub(super) fn lags(data: &Dataset) -> Result<Vec<(f64, Vec<f64>)>, String> {
     let temperature = need(data, "temperature_c")?;
     let mut forms: Vec<(f64, Vec<f64>)> = vec![(0.0, temperature.to_vec())];
     if let Some(time) = data.varying("time_s") {
@@ -203,8 +204,16 @@ pub(super) fn thermal(data: &Dataset, focal: bool) -> Result<Vec<Variant<'_>>, S
         }
     }
     let mean = temperature.iter().sum::<f64>() / temperature.len() as f64;
+    for (_, values) in &mut forms {
+        values.iter_mut().for_each(|value| *value -= mean);
+    }
+    Ok(forms)
+}
+
+pub(super) fn thermal(data: &Dataset, focal: bool) -> Result<Vec<Variant<'_>>, String> {
+    let forms = lags(data)?;
     let columns = |k: usize, suffix: &str| {
-        let values: Vec<f64> = forms[k].1.iter().map(|v| v - mean).collect();
+        let values = forms[k].1.clone();
         if focal {
             vec![radial_term(data, format!("a{suffix}_arcsec_per_k"), 0, Some(values))]
         } else {

@@ -265,8 +265,8 @@ fn attenuator(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     if !data.jitters {
         return Err("column `series` is missing in some rows".into());
     }
-    if data.groups.len() < 5 || data.groups.len() > 200 {
-        return Err(format!("column `series` has {} values, and 5 to 200 are needed", data.groups.len()));
+    if data.groups.len() < 3 || data.groups.len() > 200 {
+        return Err(format!("column `series` has {} values, and 3 to 200 are needed", data.groups.len()));
     }
     Ok(data
         .groups

@@ -119,6 +119,8 @@ impl Dataset {
             noise_key: pixels.noise_key.clone(),
             // Noise of pixels is their own: tiles have no common error.
             jitters: false,
+            flip_run: 1,
+            stated: None,
             channel: vec![Channel::W; rows],
             mounting: vec![0; rows],
             roll_rad: vec![0.0],

@@ -101,6 +101,10 @@ pub struct Dataset {
     pub(crate) noise_key: Vec<f64>,
     /// Whether the groups are the same setting repeated or single rows: they then have no common error.
     pub(crate) jitters: bool,
+    /// How many groups, one after the other in time, a draw from the null gives one sign.
+    pub(crate) flip_run: usize,
+    /// Standard deviation of each row as the table states it, in the unit of `y`.
+    pub(crate) stated: Option<Vec<f64>>,
     /// The lit channel of each row.
     pub(crate) channel: Vec<Channel>,
     /// Which mounting (file and camera roll) a row belongs to.
@@ -175,6 +179,7 @@ impl Dataset {
                 .map(|c| Covariate { name: c.name.clone(), values: of(&rows, &c.values) })
                 .collect(),
             noise_key: of(&rows, &self.noise_key),
+            stated: self.stated.as_ref().map(|stated| of(&rows, stated)),
             channel: of(&rows, &self.channel),
             mounting: of(&rows, &self.mounting),
             frame: of(&rows, &self.frame),

@@ -63,7 +63,8 @@ pub(super) fn read(_source: &Source<'_>, table: &PhaseTable) -> Result<Dataset, 
         name: "absolute_phase_deg".to_owned(),
         values: phase.iter().map(|p| p.abs()).collect(),
     });
-    let noise_key = match stated("sigma_mag", order.iter().map(|&at| row(at).sigma_mag), &mut notes) {
+    let stated = stated("sigma_mag", order.iter().map(|&at| row(at).sigma_mag), &mut notes);
+    let noise_key = match &stated {
         Some(sigma) => sigma.iter().map(|sigma| sigma.ln()).collect(),
         None => vec![0.0; order.len()],
     };
@@ -81,6 +82,8 @@ pub(super) fn read(_source: &Source<'_>, table: &PhaseTable) -> Result<Dataset, 
         covariates: all,
         noise_key,
         jitters,
+        flip_run: 1,
+        stated,
         channel: vec![Channel::W; rows],
         mounting: vec![0; rows],
         roll_rad: vec![0.0],

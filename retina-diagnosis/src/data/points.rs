@@ -216,7 +216,12 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
         })
         .collect();
     all.extend(made_covariates(&seen, &known));
-    let noise_key = noise_key(&rows, &seen.l, &mut notes);
+    let stated: Option<Vec<f64>> = stated("sigma_px", rows.iter().map(|row| row.sigma_px), &mut notes)
+        .map(|sigma| sigma.iter().map(|sigma| sigma * ARCSEC_PER_RAD / camera.fx_px).collect());
+    let noise_key = match &stated {
+        Some(sigma) => sigma.iter().map(|sigma| sigma.ln()).collect(),
+        None => noise_key(&rows, &seen.l),
+    };
     Ok(Dataset {
         kind: TableKind::Points,
         y,
@@ -228,6 +233,8 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
         covariates: all,
         noise_key,
         jitters: true,
+        flip_run: 1,
+        stated,
         channel: seen.channel,
         mounting: seen.mounting,
         roll_rad,
@@ -288,11 +295,8 @@ fn rolls(predicted: &[DVec2], sights: &[DVec2], mounting: &[usize], count: usize
     (0..count).map(angle).collect()
 }
 
-/// ln of what the noise is told from: sigma_px, else 1 / flux, else 1 / (irradiance x exposure).
-fn noise_key(rows: &[&PointRow], l: &[f64], notes: &mut Vec<String>) -> Vec<f64> {
-    if let Some(sigma) = stated("sigma_px", rows.iter().map(|row| row.sigma_px), notes) {
-        return sigma.iter().map(|s| s.ln()).collect();
-    }
+/// ln of what the noise is told from where no row states it: 1 / flux, else 1 / (irradiance x exposure).
+fn noise_key(rows: &[&PointRow], l: &[f64]) -> Vec<f64> {
     let flux: Option<Vec<f64>> = rows.iter().map(|row| row.flux_dn.filter(|flux| *flux > 0.0)).collect();
     if let Some(flux) = flux {
         return flux.iter().map(|f| -f.ln()).collect();

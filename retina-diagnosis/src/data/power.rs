@@ -104,8 +104,11 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
         add(name, channel.iter().map(|c| f64::from(u8::from(*c == of))).collect());
     }
     let mut noise_key: Vec<f64> = nominal.iter().map(|n| -n.max(faintest).ln()).collect();
-    if let Some(sigma) = stated("sigma_w_m2", order.iter().map(|&at| row(at).sigma_w_m2), &mut notes) {
-        noise_key = sigma.iter().zip(&scale).map(|(sigma, scale)| (sigma / scale).ln()).collect();
+    let stated: Option<Vec<f64>> =
+        stated("sigma_w_m2", order.iter().map(|&at| row(at).sigma_w_m2), &mut notes)
+            .map(|sigma| sigma.iter().zip(&scale).map(|(sigma, scale)| sigma / scale).collect());
+    if let Some(stated) = &stated {
+        noise_key = stated.iter().map(|sigma| sigma.ln()).collect();
     }
     let held = source.response.map(|response| {
         let lit = |row: usize| channel[row].lit();
@@ -130,6 +133,8 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
         covariates: all,
         noise_key,
         jitters: !by_setting,
+        flip_run: 1,
+        stated,
         channel,
         mounting: vec![0; rows],
         roll_rad: vec![0.0],

@@ -88,7 +88,7 @@ pub fn diagnose_page(data: &Dataset, added: &[AddedEffect], result: &Diagnosis, 
     let mut page = Page::new("diagnose", &title(&format!("Diagnosis: {}", result.verdict.name()), added))
         .section(Section::new("").lines(&diagnose_text(data, result)))
         .section(Section::new("The error of groups left out").figure(
-            &ladder_svg(&steps, result.noise_floor, data.kind.unit()),
+            &ladder_svg(&steps, result.noise.floor(), data.kind.unit()),
             "Per component, weighted by the last model's noise, as effects are added; below the dashed line nothing but noise is left.",
         ))
         .section(Section::new("Errors before anything is added").figure(&figure_svg(data, added), ""));
@@ -136,7 +136,7 @@ pub fn fit_page(data: &Dataset, added: &[AddedEffect], result: &Fit) -> Page {
         .collect();
     let page = Page::new("fit", &title("Fit", added))
         .section(Section::new("The error of groups left out").figure(
-            &ladder_svg(&steps, result.noise_floor, data.kind.unit()),
+            &ladder_svg(&steps, result.noise.floor(), data.kind.unit()),
             "Per component, weighted by the last model's noise, as effects are added; below the dashed line nothing but noise is left.",
         ))
         .section(Section::new("Before").figure(&figure_svg(data, &[]), "What the baseline alone leaves."))

@@ -1,0 +1,66 @@
+//! The first line of a diagnosis: what was found, with what else it may be, and whether something is left.
+
+use crate::data::Dataset;
+use crate::diagnose::Diagnosis;
+use crate::verdict::Verdict;
+
+/// Amplitudes of ripples are told at this wavelength, px of the screen.
+const WAVELENGTH_PX: f64 = 200.0;
+
+/// One sentence.
+pub fn headline(data: &Dataset, result: &Diagnosis) -> String {
+    let found = found(result);
+    let unit = data.kind.unit();
+    match result.verdict {
+        Verdict::Adequate => {
+            let seen = result
+                .unexplained
+                .visible
+                .iter()
+                .find(|seen| seen[0] == WAVELENGTH_PX && seen[1].is_finite())
+                .map_or_else(String::new, |[wavelength, amplitude]| {
+                    format!("; a ripple of {amplitude:.2} {unit} and {wavelength:.0} px would have been seen")
+                });
+            format!("No effect and no structure beyond the noise of {:.3} {unit}{seen}", result.noise.floor())
+        }
+        Verdict::Undecided => "Nothing was found, and these data cannot say that nothing is there".to_owned(),
+        Verdict::Named | Verdict::Confounded => format!("{found}; nothing else is left beyond noise"),
+        Verdict::Unknown => {
+            let columns = result.unexplained.covariates.join(", ");
+            let wide = result.unexplained.width_px.map_or_else(String::new, |width| {
+                format!(" (neighbours within {width:.0} px of the screen share it)")
+            });
+            match (result.accepted.is_empty(), columns.is_empty()) {
+                (true, true) => "Too many rows are outliers: the model does not describe them".to_owned(),
+                (true, false) => {
+                    format!("Errors depend on {columns}{wide}, and no effect of the catalogue explains it")
+                }
+                (false, true) => format!("{found}; and too many rows are outliers"),
+                (false, false) => format!("{found}; something is left that depends on {columns}{wide}"),
+            }
+        }
+    }
+}
+
+/// The accepted effects in words, each with its rivals.
+fn found(result: &Diagnosis) -> String {
+    let words = |id: &str| id.replace('_', " ");
+    let each: Vec<String> = result
+        .accepted
+        .iter()
+        .zip(&result.rivals)
+        .map(|(own, rivals)| match rivals.as_slice() {
+            [] => words(own),
+            _ => format!(
+                "{} (or {})",
+                words(own),
+                rivals.iter().map(|r| words(r)).collect::<Vec<_>>().join(", ")
+            ),
+        })
+        .collect();
+    let mut text = each.join(" and ");
+    if let Some(first) = text.get(..1).map(str::to_uppercase) {
+        text.replace_range(..1, &first);
+    }
+    text
+}

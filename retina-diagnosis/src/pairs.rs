@@ -1,0 +1,255 @@
+//! What neighbours share: a test for structure of any shape, at every scale that the sampling allows.
+//!
+//! Rows are sorted into cells: squares and stripes of the field, stretches of a column, phases of a pixel grid. With e_i
+//! the whitened errors, T = sum over cells of sum e_i e_j over pairs of rows of one cell that lie in different units.
+//! Without structure units are independent, and T has mean 0. Structure that is wider than the cells makes it grow. With
+//! K_gh the sum over cells of the products of two units' sums, T = sum over g != h of K_gh, and flipping the units' signs
+//! gives s^T K s: the distribution of T under the null comes from G x G numbers, whatever the number of rows. Pairs within a
+//! unit do not count, so that errors that an exposure's points share (air) are not taken for structure. This is
+//! P. Moran's statistic (Biometrika 37, 1950) between groups, on many scales, its largest value compared as by Westfall
+//! and Young (Resampling-Based Multiple Testing, 1993).
+
+use faer::Mat;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use crate::cells::{Cells, cells};
+use crate::data::Dataset;
+use crate::score::Frame;
+use crate::units::{Units, cuts_groups};
+
+/// Units are joined until there are no more than this: their pairs within one are lost.
+const MOST_UNITS: usize = 64;
+/// Cells with fewer pairs than this in all have nothing to say.
+const FEWEST_PAIRS: f64 = 30.0;
+/// Draws from the null.
+const DRAWS: usize = 1999;
+/// Share of draws beyond which a scale of its own is told.
+const TAIL: f64 = 0.01;
+
+/// Structure at one scale.
+#[derive(Debug, Clone)]
+pub(crate) struct Shared {
+    /// The columns that the cells are made of.
+    pub(crate) covariates: Vec<String>,
+    /// Width of the cells in pixels of the screen, where they are squares or stripes of the field.
+    pub(crate) width_px: Option<f64>,
+    /// p-value, corrected for the number of cell patterns.
+    pub(crate) p_value: f64,
+    /// Rms of what neighbours share per component, in units of the noise.
+    pub(crate) strength: f64,
+    /// T in standard deviations.
+    pub(crate) deviate: f64,
+}
+
+/// One pattern's statistic with its null distribution.
+struct Statistic {
+    cells: Cells,
+    /// K over the joined units, its diagonal 0.
+    gram: Mat<f64>,
+    total: f64,
+    sigma: f64,
+    pairs: f64,
+}
+
+/// The test of what a frame's base leaves, most significant first.
+pub(crate) fn shared(frame: &Frame<'_>, seed: u64) -> Vec<Shared> {
+    let statistics = statistics(frame);
+    let n = frame.data.components() as f64;
+    let p = p_values(&statistics, seed);
+    let mut out: Vec<Shared> = statistics
+        .iter()
+        .zip(p)
+        .map(|(s, p_value)| Shared {
+            covariates: s.cells.covariates.clone(),
+            width_px: s.cells.width_px,
+            p_value,
+            strength: (s.total.max(0.0) / (n * s.pairs)).sqrt(),
+            deviate: s.total / s.sigma,
+        })
+        .collect();
+    out.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.deviate.total_cmp(&a.deviate)));
+    out
+}
+
+/// For ripples of some widths: the amplitude that would have been found with 95 %.
+pub(crate) fn power(frame: &Frame<'_>, wavelengths_px: &[f64]) -> Vec<(f64, f64)> {
+    let data = frame.data;
+    if data.components() != 2 || data.screen_pixel_arcsec <= 0.0 {
+        return Vec::new();
+    }
+    let of_px = data.screen_pixel_arcsec / retina_geometry::ARCSEC_PER_RAD / data.half_tan;
+    let own = statistics(frame);
+    if own.is_empty() {
+        return Vec::new();
+    }
+    let needed = deviate_needed(&own);
+    let (x, y) = (data.values("x"), data.values("y"));
+    wavelengths_px
+        .iter()
+        .map(|&wavelength| {
+            let k = std::f64::consts::TAU / (wavelength * of_px);
+            // A ripple along a diagonal: neither stripes of x nor of y favour it.
+            let ripple: Vec<f64> = (0..data.len())
+                .flat_map(|row| {
+                    let wave = (k * (0.6 * x[row] + 0.8 * y[row])).sin();
+                    [wave * std::f64::consts::FRAC_1_SQRT_2; 2]
+                })
+                .collect();
+            let whitened = frame.residual(&ripple);
+            let patterns: Vec<Cells> = own.iter().map(|s| s.cells.clone()).collect();
+            let of_ripple = of_patterns(frame, &whitened, patterns, 0.0);
+            // With an amplitude a the sum grows by a^2 T_ripple; its own scatter grows by little.
+            let best =
+                own.iter().zip(&of_ripple).map(|(own, ripple)| ripple.total / own.sigma).fold(0.0, f64::max);
+            (wavelength, if best > 0.0 { (needed / best).sqrt() } else { f64::INFINITY })
+        })
+        .collect()
+}
+
+/// Deviate that the largest of the patterns has to have, and 1.645 more, which is 95 % power.
+fn deviate_needed(statistics: &[Statistic]) -> f64 {
+    let draws = drawn(statistics, 1);
+    let mut highest: Vec<f64> =
+        draws.iter().map(|draw| draw.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();
+    highest.sort_by(f64::total_cmp);
+    highest[((highest.len() - 1) as f64 * 0.995).round() as usize] + 1.645
+}
+
+fn statistics(frame: &Frame<'_>) -> Vec<Statistic> {
+    of_patterns(frame, &frame.error, cells(frame.data), FEWEST_PAIRS)
+}
+
+fn of_patterns(frame: &Frame<'_>, error: &[f64], patterns: Vec<Cells>, fewest: f64) -> Vec<Statistic> {
+    let joined = Joined::of(&frame.units, frame.data);
+    if joined.count < 2 {
+        return Vec::new();
+    }
+    patterns.into_par_iter().filter_map(|cells| statistic(frame, error, cells, &joined, fewest)).collect()
+}
+
+/// Units joined to at most [`MOST_UNITS`] runs.
+struct Joined {
+    /// Each row's run.
+    of_row: Vec<usize>,
+    /// The group of each run, where runs are parts of groups: pairs within a group do not count.
+    group: Option<Vec<usize>>,
+    count: usize,
+}
+
+impl Joined {
+    fn of(units: &Units, data: &Dataset) -> Self {
+        let per_run = units.count.div_ceil(MOST_UNITS).max(1);
+        let mut of_row = vec![0; data.len()];
+        for (range, unit) in units.ranges.iter().zip(&units.unit) {
+            of_row[range.clone()].fill(unit / per_run);
+        }
+        let group_of = |range: &std::ops::Range<usize>| {
+            data.groups.iter().position(|group| group.rows.contains(&range.start)).unwrap_or(0)
+        };
+        let group = cuts_groups(data).then(|| units.ranges.iter().map(group_of).collect());
+        Self { of_row, group, count: units.count.div_ceil(per_run) }
+    }
+
+    fn apart(&self, a: usize, b: usize) -> bool {
+        self.group.as_ref().is_none_or(|group| group[a] != group[b])
+    }
+}
+
+fn statistic(
+    frame: &Frame<'_>,
+    error: &[f64],
+    cells: Cells,
+    joined: &Joined,
+    fewest: f64,
+) -> Option<Statistic> {
+    let n = frame.data.components();
+    let mut order: Vec<usize> = (0..frame.data.len())
+        .filter(|&row| cells.of_row[row] != Cells::NONE && frame.weights.weight[row] > 0.0)
+        .collect();
+    let (unit_of_row, units) = (&joined.of_row, joined.count);
+    order.sort_by_key(|&row| (cells.of_row[row], unit_of_row[row]));
+    let mut gram = Mat::<f64>::zeros(units, units);
+    let mut pairs = 0.0;
+    // Each unit's sum in the cell, and its rows.
+    let mut sums: Vec<(usize, [f64; 2], f64)> = Vec::new();
+    for members in order.chunk_by(|&a, &b| cells.of_row[a] == cells.of_row[b]) {
+        sums.clear();
+        for &row in members {
+            let sign = cells.sign.as_ref().map_or(1.0, |sign| sign[row]);
+            if sums.last().is_none_or(|last| last.0 != unit_of_row[row]) {
+                sums.push((unit_of_row[row], [0.0; 2], 0.0));
+            }
+            let at = sums.len() - 1;
+            for axis in 0..n {
+                sums[at].1[axis] += sign * error[row * n + axis];
+            }
+            sums[at].2 += 1.0;
+        }
+        for (i, (g, a, count)) in sums.iter().enumerate() {
+            for (h, b, other) in sums[..i].iter().filter(|other| joined.apart(*g, other.0)) {
+                gram[(*g, *h)] += a[0] * b[0] + a[1] * b[1];
+                pairs += 2.0 * count * other;
+            }
+        }
+    }
+    if pairs < 2.0 * fewest || pairs == 0.0 {
+        return None;
+    }
+    let (mut total, mut squares) = (0.0, 0.0);
+    for g in 0..units {
+        for h in 0..g {
+            let value = gram[(g, h)];
+            gram[(h, g)] = value;
+            total += 2.0 * value;
+            squares += 4.0 * value * value;
+        }
+    }
+    let sigma = squares.sqrt();
+    (sigma > 0.0).then_some(Statistic { cells, gram, total, sigma, pairs })
+}
+
+/// For each draw the deviate of each pattern.
+fn drawn(statistics: &[Statistic], seed: u64) -> Vec<Vec<f64>> {
+    let units = statistics.first().map_or(0, |s| s.gram.nrows());
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let signs = Mat::<f64>::from_fn(DRAWS, units, |_, _| if random.random::<bool>() { -1.0 } else { 1.0 });
+    let by_pattern: Vec<Vec<f64>> = statistics
+        .par_iter()
+        .map(|s| {
+            let along = &signs * &s.gram;
+            (0..DRAWS)
+                .map(|draw| (0..units).map(|g| along[(draw, g)] * signs[(draw, g)]).sum::<f64>() / s.sigma)
+                .collect()
+        })
+        .collect();
+    (0..DRAWS).map(|draw| by_pattern.iter().map(|own| own[draw]).collect()).collect()
+}
+
+fn p_values(statistics: &[Statistic], seed: u64) -> Vec<f64> {
+    let draws = drawn(statistics, seed);
+    // Few cells have heavier tails than many: each pattern is measured on the scale of its own draws.
+    let scales: Vec<(f64, f64)> = (0..statistics.len())
+        .map(|k| {
+            let mut own: Vec<f64> = draws.iter().map(|draw| draw[k]).collect();
+            own.sort_by(f64::total_cmp);
+            let at = |share: f64| own[((own.len() - 1) as f64 * share).round() as usize];
+            (at(0.5), (at(1.0 - TAIL) - at(0.5)).max(1e-9))
+        })
+        .collect();
+    let scaled = |k: usize, deviate: f64| (deviate - scales[k].0) / scales[k].1;
+    let highest: Vec<f64> = draws
+        .iter()
+        .map(|draw| draw.iter().enumerate().map(|(k, d)| scaled(k, *d)).fold(f64::NEG_INFINITY, f64::max))
+        .collect();
+    statistics
+        .iter()
+        .enumerate()
+        .map(|(k, s)| {
+            let own = scaled(k, s.total / s.sigma);
+            let reached = highest.iter().filter(|h| **h >= own - 1e-9 * own.abs()).count();
+            (1 + reached) as f64 / (1 + DRAWS) as f64
+        })
+        .collect()
+}

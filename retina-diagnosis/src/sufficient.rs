@@ -1,0 +1,80 @@
+//! Whether data that show nothing could have shown something.
+
+use crate::data::Dataset;
+use crate::next::NextMeasurement;
+use crate::noise::Weights;
+use crate::scatter::{Noise, group_name, stated};
+use crate::units::{FEW_GROUPS, Units, cuts_groups};
+
+/// Fewer parts than this can be flipped in too few ways for any p-value to be small.
+const FEWEST_UNITS: usize = 8;
+/// Errors that are this many times what the table states are not noise, whatever else is not found.
+const BEYOND_STATED: f64 = 3.0;
+/// A part of the errors' variance that neighbours share, which is told.
+const SHARED: f64 = 0.15;
+
+/// Why nothing can be concluded from finding nothing, and what to measure instead; `None` where it can.
+pub(crate) fn too_little(
+    data: &Dataset,
+    noise: &Noise,
+    weights: &Weights,
+) -> Option<(String, NextMeasurement)> {
+    let groups = data.groups.len();
+    let group = group_name(data);
+    let repeat = NextMeasurement {
+        action: "repeat",
+        value: match data.components() {
+            2 => "at least 8 exposures of the same points",
+            _ => "at least 8 series or nights",
+        },
+        separates: Vec::new(),
+        expected_sigma: None,
+    };
+    if Units::of(data).count < FEWEST_UNITS {
+        return Some((
+            format!("{groups} {group} parts with {} rows are too few to show an effect", data.len()),
+            repeat,
+        ));
+    }
+    if let Some(stated) = stated(data, weights)
+        && noise.floor().hypot(noise.structured) > BEYOND_STATED * stated
+    {
+        return Some((
+            format!(
+                "errors scatter by {:.3} {unit}, and the table states {stated:.3} {unit}: either the stated figure is too small, or something varies that these rows do not show",
+                noise.floor().hypot(noise.structured),
+                unit = data.kind.unit()
+            ),
+            repeat,
+        ));
+    }
+    let total2 = noise.floor().powi(2) + noise.structured.powi(2);
+    if cuts_groups(data)
+        && data.components() == 2
+        && noise.white.powi(2) < (1.0 - SHARED) * total2
+        && groups < 3
+    {
+        return Some((
+            format!(
+                "neighbouring points share {:.3} {}, and with {groups} exposure(s) air cannot be told from the facility",
+                (total2 - noise.white.powi(2)).max(0.0).sqrt(),
+                data.kind.unit()
+            ),
+            repeat,
+        ));
+    }
+    None
+}
+
+/// What a cut into runs of rows supposes.
+pub(crate) fn note_of_runs(data: &Dataset) -> Option<String> {
+    cuts_groups(data).then(|| {
+        format!(
+            "{} {} (fewer than {FEW_GROUPS}) were cut into {} runs of rows, whose signs were flipped: this supposes that rows of one {} share one common error and nothing else",
+            data.groups.len(),
+            if data.groups.len() == 1 { "group" } else { "groups" },
+            Units::of(data).count,
+            group_name(data)
+        )
+    })
+}

@@ -1,0 +1,89 @@
+//! Parts of a table whose errors are independent of each other: what a draw from the null gives one sign, and what is
+//! left out together.
+//!
+//! As a rule such a part is a group: an exposure, a series, a night. A laboratory often has three series or six nights,
+//! which can be flipped in four or in thirty-two ways. Then each group is cut into runs of rows. That supposes that
+//! rows of a group share one common error and nothing else. The other way round, exposures whose common errors follow
+//! each other (a mount that wanders) are flipped in runs of exposures.
+
+use std::ops::Range;
+
+use crate::data::Dataset;
+
+/// With fewer groups than this their rows are cut into runs.
+pub(crate) const FEW_GROUPS: usize = 8;
+/// Runs that are aimed at then.
+const RUNS: usize = 24;
+/// Fewest rows of a run.
+const FEWEST_ROWS: usize = 4;
+
+/// The parts.
+#[derive(Debug, Clone)]
+pub(crate) struct Units {
+    /// Rows, in their order; each range lies in one group.
+    pub(crate) ranges: Vec<Range<usize>>,
+    /// The part that each range belongs to.
+    pub(crate) unit: Vec<usize>,
+    /// Number of parts.
+    pub(crate) count: usize,
+}
+
+impl Units {
+    pub(crate) fn of(data: &Dataset) -> Self {
+        if cuts_groups(data) {
+            return Self::runs_of_rows(data);
+        }
+        let ranges: Vec<Range<usize>> = data.groups.iter().map(|group| group.rows.clone()).collect();
+        let run = data.flip_run.max(1);
+        let mut unit = vec![0; ranges.len()];
+        for (place, group) in in_time(data).into_iter().enumerate() {
+            unit[group] = place / run;
+        }
+        let count = ranges.len().div_ceil(run);
+        Self { ranges, unit, count }
+    }
+
+    /// Each group cut into runs of rows.
+    pub(crate) fn runs_of_rows(data: &Dataset) -> Self {
+        let wanted = RUNS.div_ceil(data.groups.len().max(1));
+        let mut ranges = Vec::new();
+        for group in &data.groups {
+            let rows = group.rows.len();
+            let runs = wanted.min(rows / FEWEST_ROWS).max(1);
+            ranges.extend(
+                (0..runs)
+                    .map(|k| group.rows.start + k * rows / runs..group.rows.start + (k + 1) * rows / runs),
+            );
+        }
+        let count = ranges.len();
+        Self { ranges, unit: (0..count).collect(), count }
+    }
+
+    /// Ranges of one part.
+    pub(crate) fn of_unit(&self, unit: usize) -> impl Iterator<Item = Range<usize>> + '_ {
+        self.unit
+            .iter()
+            .zip(&self.ranges)
+            .filter(move |(own, _)| **own == unit)
+            .map(|(_, range)| range.clone())
+    }
+}
+
+/// Whether the groups are so few that their rows are flipped in runs.
+pub(crate) fn cuts_groups(data: &Dataset) -> bool {
+    data.jitters && data.groups.len() < FEW_GROUPS
+}
+
+/// Groups in the order of their times, where there are any.
+pub(crate) fn in_time(data: &Dataset) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..data.groups.len()).collect();
+    if let Some(time) = data.varying("time_s") {
+        let mean = |g: usize| {
+            let rows = data.groups[g].rows.clone();
+            time[rows.clone()].iter().sum::<f64>() / rows.len().max(1) as f64
+        };
+        let times: Vec<f64> = order.iter().map(|&g| mean(g)).collect();
+        order.sort_by(|&a, &b| times[a].total_cmp(&times[b]));
+    }
+    order
+}
