@@ -77,7 +77,10 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
     let data = fitted_part.as_ref().unwrap_or(data);
     let screened_part = data.thinned(MOST_ROWS);
     let mut notes = screened_part.as_ref().unwrap_or(data).notes.clone();
-    let screened = adjusted(screened_part.as_ref().unwrap_or(data), added);
+    let mut screened = adjusted(screened_part.as_ref().unwrap_or(data), added);
+    if let Some(noise) = &scatter {
+        noise.apply(&mut screened.data);
+    }
     let frame = Frame::fitted(&screened.data, &screened.base);
     let all = screens(&frame);
     let flips = Flips::draw(&screened.data, FLIPS, 1);

@@ -120,7 +120,10 @@ fn search(
     let data = thinned.as_ref().unwrap_or(data);
     let mut notes = data.notes.clone();
     let (prepared, not_testable) = prepare(data, added);
-    let adjusted = crate::added::adjusted(data, added);
+    let mut adjusted = crate::added::adjusted(data, added);
+    if let Some(noise) = &scatter {
+        noise.apply(&mut adjusted.data);
+    }
     let data = &adjusted.data;
     let flips = Flips::draw(data, options.flips, options.seed);
     notes.extend(note_of_runs(data));

@@ -41,6 +41,7 @@ mod sufficient;
 mod unexplained;
 mod units;
 mod verdict;
+mod wander;
 
 pub use added::{AddedEffect, check_effects};
 pub use catalogue::{Effect, effects};

@@ -26,7 +26,14 @@ pub(crate) fn noise(data: &Dataset, fit: &RobustFit) -> Noise {
         Some(floor) => (floor, "differences of neighbouring pixels' errors"),
         None => (fit.weights.floor(), "errors of the fit: too few pixels have all their neighbours"),
     };
-    Noise { white, group: 0.0, structured: 0.0, source: vec![source.to_owned()] }
+    Noise {
+        white,
+        group: 0.0,
+        structured: 0.0,
+        source: vec![source.to_owned()],
+        shared_within: false,
+        wander: 0.0,
+    }
 }
 
 /// Root of the mean variance of the pixels' noise, weighted by that variance's inverse, from the errors' differences in

@@ -9,6 +9,7 @@ use crate::data::{Dataset, Group};
 use crate::field::Field;
 use crate::linear::{Basis, cholesky, dot, matrix};
 use crate::series::median;
+use crate::units::in_time;
 
 /// Rows further off than this many sigmas are outliers: of a normal error in the plane 4e-5, on a line 7e-6.
 const OUTLIER_SIGMAS: f64 = 4.5;
@@ -88,11 +89,45 @@ impl Weights {
                 }
             }
         }
+        let rho = data.wander;
+        self.levels(data, column, false, |level, before| (level - rho * before) / (1.0 - rho * rho).sqrt());
+    }
+
+    /// Replaces the groups' levels of a whitened column, one after the other in time; nothing where groups do not follow
+    /// each other. A level is the part of a group's rows along the roots of their weights. `next` makes the new level of
+    /// the old one and of the level before it: that before it was replaced, or, with `replaced`, after.
+    fn levels(&self, data: &Dataset, column: &mut [f64], replaced: bool, next: impl Fn(f64, f64) -> f64) {
+        if data.wander == 0.0 {
+            return;
+        }
+        let n = data.kind.components();
+        let mut before: Option<[f64; 2]> = None;
+        for g in in_time(data) {
+            let rows = data.groups[g].rows.clone();
+            let sum: f64 = self.weight[rows.clone()].iter().sum();
+            if sum <= 0.0 {
+                continue;
+            }
+            let mut kept = [0.0; 2];
+            for axis in 0..n {
+                let along: f64 =
+                    rows.clone().map(|row| self.weight[row].sqrt() * column[row * n + axis]).sum();
+                let old = along / sum.sqrt();
+                let new = before.map_or(old, |before| next(old, before[axis]));
+                kept[axis] = if replaced { new } else { old };
+                for row in rows.clone() {
+                    column[row * n + axis] += (new - old) / sum.sqrt() * self.weight[row].sqrt();
+                }
+            }
+            before = Some(kept);
+        }
     }
 
     /// From whitened errors back to errors times the root of the weights alone.
     pub(crate) fn unwhiten(&self, data: &Dataset, column: &mut [f64]) {
         let n = data.kind.components();
+        let rho = data.wander;
+        self.levels(data, column, true, |level, before| (1.0 - rho * rho).sqrt() * level + rho * before);
         for group in &data.groups {
             let sum: f64 = self.weight[group.rows.clone()].iter().sum();
             if sum <= 0.0 {

@@ -15,9 +15,9 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::cells::{Cells, cells};
-use crate::data::Dataset;
+use crate::data::{Dataset, Flip};
 use crate::score::Frame;
-use crate::units::{Units, cuts_groups};
+use crate::units::Units;
 
 /// Units are joined until there are no more than this: their pairs within one are lost.
 const MOST_UNITS: usize = 64;
@@ -148,7 +148,7 @@ impl Joined {
         let group_of = |range: &std::ops::Range<usize>| {
             data.groups.iter().position(|group| group.rows.contains(&range.start)).unwrap_or(0)
         };
-        let group = cuts_groups(data).then(|| units.ranges.iter().map(group_of).collect());
+        let group = (data.flip == Flip::Rows).then(|| units.ranges.iter().map(group_of).collect());
         Self { of_row, group, count: units.count.div_ceil(per_run) }
     }
 

@@ -16,6 +16,8 @@ use crate::flips::Flips;
 use crate::noise::{Weights, robust_fit};
 use crate::score::Frame;
 use crate::screens::{columns_of, screen_p_values, screens};
+use crate::units::flip_of;
+use crate::wander;
 
 /// Rows that are looked at.
 const MOST_ROWS: usize = 20_000;
@@ -42,12 +44,22 @@ pub struct Noise {
     pub structured: f64,
     /// Where the figures come from.
     pub source: Vec<String>,
+    /// Whether rows of one group share more than one common error: air, for example.
+    pub(crate) shared_within: bool,
+    /// Correlation of a group's common error with that of the next one in time.
+    pub wander: f64,
 }
 
 impl Noise {
     /// What no model can undercut for an unseen group.
     pub fn floor(&self) -> f64 {
         self.white.hypot(self.group)
+    }
+
+    /// How the table is whitened and what is flipped follow from its noise.
+    pub(crate) fn apply(&self, data: &mut Dataset) {
+        data.wander = self.wander;
+        data.flip = flip_of(data, self);
     }
 
     /// The same with what a model leaves: `rms` for an unseen group.
@@ -62,6 +74,12 @@ pub(crate) fn noise(data: &Dataset) -> Noise {
     let thinned = data.thinned(MOST_ROWS);
     let data = thinned.as_ref().unwrap_or(data);
     let mut columns = flexible(data);
+    let wander = {
+        let fit = robust_fit(data, &columns);
+        wander::correlation(data, &fit.residual, &fit.weights)
+    };
+    let mut shared_within = false;
+    let data = &Dataset { wander, ..data.clone() };
     let flips = Flips::draw(data, FLIPS, 1);
     for _ in 0..MOST_SCREENS {
         let frame = Frame::fitted(data, &columns);
@@ -88,7 +106,8 @@ pub(crate) fn noise(data: &Dataset) -> Noise {
                 group = group_name(data)
             ));
             let beyond = between.ratio - within.ratio;
-            let own = if beyond > CLEARLY * within.error.hypot(between.error) { beyond } else { 0.0 };
+            shared_within = beyond > CLEARLY * within.error.hypot(between.error);
+            let own = if shared_within { beyond } else { 0.0 };
             (within.ratio.min(between.ratio).min(1.0) * regression, own * regression + jitter2)
         }
         (Some(one), None) | (None, Some(one)) => {
@@ -103,10 +122,13 @@ pub(crate) fn noise(data: &Dataset) -> Noise {
     if jitter2 > 0.0 {
         source.push(format!("{} levels", group_name(data)));
     }
+    if wander > 0.0 {
+        source.push(format!("{}s follow each other with a correlation of {wander:.2}", group_name(data)));
+    }
     if let Some(stated) = stated(data, weights) {
         source.push(format!("the table states {stated:.4} {}", data.kind.unit()));
     }
-    Noise { white: white2.sqrt(), group: group2.sqrt(), structured: 0.0, source }
+    Noise { white: white2.sqrt(), group: group2.sqrt(), structured: 0.0, source, shared_within, wander }
 }
 
 /// What the table states on the rows that count: root of the mean variance.

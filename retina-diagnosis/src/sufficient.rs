@@ -1,17 +1,15 @@
 //! Whether data that show nothing could have shown something.
 
-use crate::data::Dataset;
+use crate::data::{Dataset, Flip};
 use crate::next::NextMeasurement;
 use crate::noise::Weights;
 use crate::scatter::{Noise, group_name, stated};
-use crate::units::{FEW_GROUPS, Units, cuts_groups};
+use crate::units::{FEW_GROUPS, Units};
 
 /// Fewer parts than this can be flipped in too few ways for any p-value to be small.
 const FEWEST_UNITS: usize = 8;
 /// Errors that are this many times what the table states are not noise, whatever else is not found.
 const BEYOND_STATED: f64 = 3.0;
-/// A part of the errors' variance that neighbours share, which is told.
-const SHARED: f64 = 0.15;
 
 /// Why nothing can be concluded from finding nothing, and what to measure instead; `None` where it can.
 pub(crate) fn too_little(
@@ -31,10 +29,16 @@ pub(crate) fn too_little(
         expected_sigma: None,
     };
     if Units::of(data).count < FEWEST_UNITS {
-        return Some((
-            format!("{groups} {group} parts with {} rows are too few to show an effect", data.len()),
-            repeat,
-        ));
+        let why = if noise.shared_within {
+            format!(
+                "neighbours of one {group} share {:.3} {} that those of different {group}s do not: with {groups} of them, air cannot be told from the facility",
+                noise.group,
+                data.kind.unit()
+            )
+        } else {
+            format!("{} rows in {groups} group(s) are too few to show an effect", data.len())
+        };
+        return Some((why, repeat));
     }
     if let Some(stated) = stated(data, weights)
         && noise.floor().hypot(noise.structured) > BEYOND_STATED * stated
@@ -48,27 +52,12 @@ pub(crate) fn too_little(
             repeat,
         ));
     }
-    let total2 = noise.floor().powi(2) + noise.structured.powi(2);
-    if cuts_groups(data)
-        && data.components() == 2
-        && noise.white.powi(2) < (1.0 - SHARED) * total2
-        && groups < 3
-    {
-        return Some((
-            format!(
-                "neighbouring points share {:.3} {}, and with {groups} exposure(s) air cannot be told from the facility",
-                (total2 - noise.white.powi(2)).max(0.0).sqrt(),
-                data.kind.unit()
-            ),
-            repeat,
-        ));
-    }
     None
 }
 
 /// What a cut into runs of rows supposes.
 pub(crate) fn note_of_runs(data: &Dataset) -> Option<String> {
-    cuts_groups(data).then(|| {
+    (data.flip == Flip::Rows).then(|| {
         format!(
             "{} {} (fewer than {FEW_GROUPS}) were cut into {} runs of rows, whose signs were flipped: this supposes that rows of one {} share one common error and nothing else",
             data.groups.len(),

@@ -3,12 +3,13 @@
 //!
 //! As a rule such a part is a group: an exposure, a series, a night. A laboratory often has three series or six nights,
 //! which can be flipped in four or in thirty-two ways. Then each group is cut into runs of rows. That supposes that
-//! rows of a group share one common error and nothing else. The other way round, exposures whose common errors follow
-//! each other (a mount that wanders) are flipped in runs of exposures.
+//! rows of a group share one common error and nothing else, which neighbours within an exposure can contradict: then
+//! whole groups are flipped all the same, and little can be said.
 
 use std::ops::Range;
 
-use crate::data::Dataset;
+use crate::data::{Dataset, Flip};
+use crate::scatter::Noise;
 
 /// With fewer groups than this their rows are cut into runs.
 pub(crate) const FEW_GROUPS: usize = 8;
@@ -30,17 +31,12 @@ pub(crate) struct Units {
 
 impl Units {
     pub(crate) fn of(data: &Dataset) -> Self {
-        if cuts_groups(data) {
+        if data.flip == Flip::Rows {
             return Self::runs_of_rows(data);
         }
         let ranges: Vec<Range<usize>> = data.groups.iter().map(|group| group.rows.clone()).collect();
-        let run = data.flip_run.max(1);
-        let mut unit = vec![0; ranges.len()];
-        for (place, group) in in_time(data).into_iter().enumerate() {
-            unit[group] = place / run;
-        }
-        let count = ranges.len().div_ceil(run);
-        Self { ranges, unit, count }
+        let count = ranges.len();
+        Self { ranges, unit: (0..count).collect(), count }
     }
 
     /// Each group cut into runs of rows.
@@ -69,9 +65,10 @@ impl Units {
     }
 }
 
-/// Whether the groups are so few that their rows are flipped in runs.
-pub(crate) fn cuts_groups(data: &Dataset) -> bool {
-    data.jitters && data.groups.len() < FEW_GROUPS
+/// What is flipped: rows where groups are few, unless neighbours show that rows of a group share more than one error.
+pub(crate) fn flip_of(data: &Dataset, noise: &Noise) -> Flip {
+    let few = data.jitters && data.groups.len() < FEW_GROUPS;
+    if few && !noise.shared_within { Flip::Rows } else { Flip::Groups }
 }
 
 /// Groups in the order of their times, where there are any.

@@ -8,7 +8,7 @@ use retina_files::InputError;
 
 use retina_formats::{Channel, EffectId, FramesEffect, TableKind};
 
-use super::{Baseline, Covariate, Dataset, Group, RowFrame, Term};
+use super::{Baseline, Covariate, Dataset, Flip, Group, RowFrame, Term};
 
 /// A named column over the pixels, DN per unit of its amplitude.
 #[derive(Debug, Clone)]
@@ -119,7 +119,8 @@ impl Dataset {
             noise_key: pixels.noise_key.clone(),
             // Noise of pixels is their own: tiles have no common error.
             jitters: false,
-            flip_run: 1,
+            flip: Flip::Groups,
+            wander: 0.0,
             stated: None,
             channel: vec![Channel::W; rows],
             mounting: vec![0; rows],

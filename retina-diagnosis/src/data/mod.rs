@@ -78,6 +78,15 @@ impl Group {
     }
 }
 
+/// What a draw from the null gives one sign.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Flip {
+    /// Whole groups.
+    Groups,
+    /// Runs of rows within groups.
+    Rows,
+}
+
 /// A table ready to be explained; rows are sorted by group.
 #[derive(Debug, Clone)]
 pub struct Dataset {
@@ -101,8 +110,10 @@ pub struct Dataset {
     pub(crate) noise_key: Vec<f64>,
     /// Whether the groups are the same setting repeated or single rows: they then have no common error.
     pub(crate) jitters: bool,
-    /// How many groups, one after the other in time, a draw from the null gives one sign.
-    pub(crate) flip_run: usize,
+    /// What a draw from the null gives one sign.
+    pub(crate) flip: Flip,
+    /// Correlation of a group's common error with that of the next one in time.
+    pub(crate) wander: f64,
     /// Standard deviation of each row as the table states it, in the unit of `y`.
     pub(crate) stated: Option<Vec<f64>>,
     /// The lit channel of each row.

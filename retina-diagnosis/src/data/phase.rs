@@ -7,7 +7,7 @@ use retina_files::InputError;
 use retina_formats::{Channel, PhaseTable, TableKind};
 
 use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repeated, stated};
-use super::{Covariate, Dataset, Group, RowFrame};
+use super::{Covariate, Dataset, Flip, Group, RowFrame};
 
 /// Magnitude of a Lambert sphere at a phase angle (rad, 0 to pi) relative to full:
 /// -2.5 log10 ((sin a + (pi - a) cos a) / pi) (Russell, Astrophysical Journal 43, 1916).
@@ -82,7 +82,8 @@ pub(super) fn read(_source: &Source<'_>, table: &PhaseTable) -> Result<Dataset, 
         covariates: all,
         noise_key,
         jitters,
-        flip_run: 1,
+        flip: Flip::Groups,
+        wander: 0.0,
         stated,
         channel: vec![Channel::W; rows],
         mounting: vec![0; rows],

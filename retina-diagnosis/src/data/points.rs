@@ -14,7 +14,7 @@ use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repea
 use crate::field::{Held, HeldModel};
 
 use super::places::{Known, true_places_px};
-use super::{Covariate, Dataset, Group, RowFrame, Term};
+use super::{Covariate, Dataset, Flip, Group, RowFrame, Term};
 
 /// A point of an exposure is there once.
 fn refuse_repeated(table: &PointsTable) -> Result<(), InputError> {
@@ -233,7 +233,8 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
         covariates: all,
         noise_key,
         jitters: true,
-        flip_run: 1,
+        flip: Flip::Groups,
+        wander: 0.0,
         stated,
         channel: seen.channel,
         mounting: seen.mounting,

@@ -11,7 +11,7 @@ use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repea
 use crate::field::Held;
 use crate::linear::cholesky;
 
-use super::{Covariate, Dataset, Group, RowFrame, Term};
+use super::{Covariate, Dataset, Flip, Group, RowFrame, Term};
 
 /// A series' name, or that of the setting where a row has none.
 fn group_of(row: &PowerRow) -> String {
@@ -133,7 +133,8 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
         covariates: all,
         noise_key,
         jitters: !by_setting,
-        flip_run: 1,
+        flip: Flip::Groups,
+        wander: 0.0,
         stated,
         channel,
         mounting: vec![0; rows],
