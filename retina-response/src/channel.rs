@@ -37,6 +37,9 @@ pub struct ChannelResponse {
     pub black: Estimate,
     /// The meter's reading where no square is lit, W m^-2; absent where the readings cannot tell it.
     pub zero_w_m2: Option<Estimate>,
+    /// Part of its light that the largest square loses to the optics' fall-off; absent where fewer than three sizes of
+    /// squares were measured.
+    pub fall_off: Option<Estimate>,
     /// Covariance of ln(lit part at 255), gamma, the light at count 0, and the zero (where it is fitted), of the power law.
     pub covariance: Vec<Vec<f64>>,
     /// Knots of ln I over ln B; 2 is the power law.
@@ -167,11 +170,13 @@ impl ChannelResponse {
             .collect();
         let measured = used()
             .map(|i| {
-                let pixels = readings[i].pixels();
-                let light = (readings[i].irradiance_w_m2 - fit.zero) / pixels;
-                (readings[i].count, light, sigma[i] / pixels)
+                let area = fit.area(&readings[i]);
+                let light = (readings[i].irradiance_w_m2 - fit.zero) / area;
+                (readings[i].count, light, sigma[i] / area)
             })
             .collect();
+        // Files state the power law alone, without the fall-off.
+        let stated = power_law.fall_off_index().unwrap_or(power_law.covariance.len());
         let zero = fit.zero_index().map(|i| Estimate { value: fit.zero, sigma: fit.covariance[i][i].sqrt() });
         Self {
             channel,
@@ -181,7 +186,10 @@ impl ChannelResponse {
             full_w_m2: Estimate { value: curve.pixel(COUNTS - 1), sigma: fit.pixel_sigma(COUNTS - 1) },
             black: fit.black(),
             zero_w_m2: zero,
-            covariance: power_law.covariance.clone(),
+            fall_off: fit
+                .fall_off_index()
+                .map(|i| Estimate { value: fit.fall_off, sigma: fit.covariance[i][i].sqrt() }),
+            covariance: power_law.covariance.iter().take(stated).map(|row| row[..stated].to_vec()).collect(),
             knots: fit.shape.len(),
             noise,
             readings: readings.len(),
@@ -202,6 +210,7 @@ impl Fit {
         let mut row: Vec<f64> = self.basis.row(COUNTS - 1).iter().map(|b| -value * lit * b / full).collect();
         row.extend(self.constants.dark.then_some((1.0 - value) / full));
         row.extend(self.constants.zero.then_some(0.0));
+        row.extend(self.constants.fall_off.then_some(0.0));
         Estimate { value, sigma: quadratic(&self.covariance, &row).sqrt() }
     }
 
@@ -272,7 +281,8 @@ fn power_law(
                 .into(),
         );
     }
-    let constants = Constants { dark: true, zero };
+    // Two squares tell the meter's zero, a third the fall-off.
+    let constants = Constants { dark: true, zero, fall_off: squares.len() > 2 };
     let brightest = readings.iter().map(|r| r.irradiance_w_m2.abs()).fold(0.0, f64::max);
     let guess = Noise { floor_w_m2: 1e-4 * brightest, proportional: 0.02 };
     let stated =

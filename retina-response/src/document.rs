@@ -48,6 +48,7 @@ fn channel(calibrated: &Calibrated, setup: &Setup, fit: &ChannelResponse) -> Val
         "full_w_m2": estimate(fit.full_w_m2),
         "black": estimate(fit.black),
         "zero_w_m2": fit.zero_w_m2.map(estimate),
+        "fall_off_at_largest_square": fit.fall_off.map(estimate),
         "covariance_of": COVARIANCE_OF[..fit.covariance.len()],
         "covariance": fit.covariance,
         "response": {

@@ -1,4 +1,6 @@
-//! Least squares of one channel's readings: N^2 I(B) + zero, with I(B) = lit(B) + dark.
+//! Least squares of one channel's readings: N^2 (1 - c (N / N_max)^2) I(B) + zero, with I(B) = lit(B) + dark. The factor
+//! with c is the optics' relative illumination, which falls as the square of the field angle to first order, averaged
+//! over the square; N_max is the largest square. Without it a facility's cos^4 law becomes an error of gamma and zero.
 
 use crate::linear::Normal;
 use crate::readings::Reading;
@@ -9,13 +11,21 @@ pub(crate) const OUTLIER_SIGMAS: f64 = 4.5;
 /// Where Huber's loss turns from square to straight, sigmas.
 const HUBER_SIGMAS: f64 = 2.0;
 
-/// Which of the two constants are fitted; the others are 0.
+/// Which of the three constants are fitted; the others are 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Constants {
     /// Light of a pixel of the square at count 0.
     pub(crate) dark: bool,
     /// Reading of the meter where no square is lit.
     pub(crate) zero: bool,
+    /// Loss of light across the largest square.
+    pub(crate) fall_off: bool,
+}
+
+impl Constants {
+    fn count(self) -> usize {
+        usize::from(self.dark) + usize::from(self.zero) + usize::from(self.fall_off)
+    }
 }
 
 /// A fit, in the readings' unit.
@@ -28,7 +38,11 @@ pub(crate) struct Fit {
     pub(crate) dark: f64,
     /// The meter's zero.
     pub(crate) zero: f64,
-    /// Of shape, dark, zero (those that were fitted, in this order).
+    /// Part of its light that the largest square loses to the fall-off.
+    pub(crate) fall_off: f64,
+    /// Side of the largest square.
+    pub(crate) largest_px: f64,
+    /// Of shape, dark, zero, fall-off (those that were fitted, in this order).
     pub(crate) covariance: Vec<Vec<f64>>,
     pub(crate) constants: Constants,
     /// Which readings took part.
@@ -43,7 +57,16 @@ impl Fit {
 
     /// What the meter should say.
     pub(crate) fn predicted(&self, reading: &Reading) -> f64 {
-        if reading.is_lit() { reading.pixels() * self.pixel(reading.count) + self.zero } else { self.zero }
+        if reading.is_lit() { self.area(reading) * self.pixel(reading.count) + self.zero } else { self.zero }
+    }
+
+    /// Pixels in the middle of the field that give as much light as the reading's square.
+    pub(crate) fn area(&self, reading: &Reading) -> f64 {
+        reading.pixels() * (1.0 - self.fall_off * self.relative_square(reading))
+    }
+
+    fn relative_square(&self, reading: &Reading) -> f64 {
+        (reading.square_px / self.largest_px).powi(2)
     }
 
     /// The derivatives of I(B) by the fitted unknowns.
@@ -52,6 +75,7 @@ impl Fit {
         let mut row: Vec<f64> = self.basis.row(count).iter().map(|b| lit * b).collect();
         row.extend(self.constants.dark.then_some(1.0));
         row.extend(self.constants.zero.then_some(0.0));
+        row.extend(self.constants.fall_off.then_some(0.0));
         row
     }
 
@@ -70,6 +94,12 @@ impl Fit {
         self.constants.zero.then(|| self.shape.len() + usize::from(self.constants.dark))
     }
 
+    /// Position of the fall-off among the unknowns.
+    pub(crate) fn fall_off_index(&self) -> Option<usize> {
+        let before = usize::from(self.constants.dark) + usize::from(self.constants.zero);
+        self.constants.fall_off.then(|| self.shape.len() + before)
+    }
+
     /// Correlation of two unknowns.
     pub(crate) fn correlation(&self, i: usize, j: usize) -> f64 {
         self.covariance[i][j] / (self.covariance[i][i] * self.covariance[j][j]).sqrt()
@@ -85,6 +115,9 @@ impl Fit {
         }
         if let Some(i) = self.zero_index() {
             moved.zero += step[i];
+        }
+        if let Some(i) = self.fall_off_index() {
+            moved.fall_off += step[i];
         }
         moved
     }
@@ -128,11 +161,15 @@ impl Fit {
 
     /// The derivatives of a reading by the fitted unknowns, in sigmas.
     fn row(&self, reading: &Reading, sigma: f64) -> Vec<f64> {
-        let pixels = reading.pixels();
+        let area = self.area(reading);
         let mut row = self.pixel_row(reading.count);
-        row.iter_mut().for_each(|value| *value *= pixels / sigma);
+        row.iter_mut().for_each(|value| *value *= area / sigma);
         if let Some(zero) = self.zero_index() {
             row[zero] = 1.0 / sigma;
+        }
+        if let Some(fall_off) = self.fall_off_index() {
+            let lost = reading.pixels() * self.relative_square(reading);
+            row[fall_off] = -lost * self.pixel(reading.count) / sigma;
         }
         row
     }
@@ -144,7 +181,7 @@ impl Fit {
     }
 
     fn normal(&self, readings: &[Reading], sigma: &[f64], robust: bool) -> Normal {
-        let unknowns = self.shape.len() + usize::from(self.constants.dark) + usize::from(self.constants.zero);
+        let unknowns = self.shape.len() + self.constants.count();
         let mut normal = Normal::new(unknowns);
         for (i, reading) in readings.iter().enumerate().filter(|(i, _)| self.used[*i]) {
             let row = self.row(reading, sigma[i]);
@@ -174,6 +211,7 @@ impl Fit {
     pub(crate) fn with_constants(mut self, constants: Constants) -> Self {
         self.dark = if constants.dark { self.dark } else { 0.0 };
         self.zero = if constants.zero { self.zero } else { 0.0 };
+        self.fall_off = if constants.fall_off { self.fall_off } else { 0.0 };
         self.constants = constants;
         self
     }
@@ -189,7 +227,7 @@ impl Fit {
     }
 }
 
-/// Where the power law's fit starts: gamma on a grid, the three other unknowns by robust linear least
+/// Where the power law's fit starts: gamma on a grid, no fall-off, the three other unknowns by robust linear least
 /// squares for each. `None` where no gamma gives light.
 pub(crate) fn power_law_start(readings: &[Reading], sigma: &[f64], constants: Constants) -> Option<Fit> {
     let mut best: Option<(f64, Fit)> = None;
@@ -219,6 +257,8 @@ pub(crate) fn power_law_start(readings: &[Reading], sigma: &[f64], constants: Co
             shape: vec![x[0].ln(), gamma],
             dark: if constants.dark { x[1] } else { 0.0 },
             zero: if constants.zero { x[unknowns - 1] } else { 0.0 },
+            fall_off: 0.0,
+            largest_px: readings.iter().map(|reading| reading.square_px).fold(f64::MIN_POSITIVE, f64::max),
             covariance: Vec::new(),
             constants,
             used: vec![true; readings.len()],

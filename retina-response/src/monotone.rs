@@ -47,7 +47,7 @@ pub(crate) fn falls(readings: &[Reading], fit: &Fit, sigma: &[f64]) -> Option<Fa
         let kept = group.iter().copied().filter(|&i| fit.used[i] || systematic);
         let (mut weights, mut light, mut zero) = (0.0, 0.0, 0.0);
         for i in kept {
-            let pixels = readings[i].pixels();
+            let pixels = fit.area(&readings[i]);
             let weight = (pixels / sigma[i]).powi(2);
             weights += weight;
             light += weight * (readings[i].irradiance_w_m2 - fit.zero) / pixels;

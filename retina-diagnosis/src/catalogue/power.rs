@@ -231,12 +231,14 @@ fn meter_wavelength(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     if single.len() < 2 {
         return Err("column `channel` has fewer than two of r, g and b".into());
     }
-    // White is a third of each.
+    // White has a share of each.
+    let share =
+        |of: Channel| Channel::COLOURS.iter().position(|c| *c == of).map_or(0.0, |c| data.white_share[c]);
     let leading = single[1..]
         .iter()
         .map(|&of| {
             let on = lit(data, |i| match data.channel[i] {
-                Channel::W => 1.0 / 3.0,
+                Channel::W => share(of),
                 colour => f64::from(u8::from(colour == of)),
             });
             term(&format!("{}_relative", of.letter()), on)

@@ -123,6 +123,7 @@ impl Dataset {
             wander: 0.0,
             stated: None,
             channel: vec![Channel::W; rows],
+            white_share: [1.0 / 3.0; 3],
             mounting: vec![0; rows],
             roll_rad: vec![0.0],
             half_tan: 1.0,

@@ -118,6 +118,8 @@ pub struct Dataset {
     pub(crate) stated: Option<Vec<f64>>,
     /// The lit channel of each row.
     pub(crate) channel: Vec<Channel>,
+    /// Shares of red, green and blue in white light (power).
+    pub(crate) white_share: [f64; 3],
     /// Which mounting (file and camera roll) a row belongs to.
     pub(crate) mounting: Vec<usize>,
     /// For each mounting the angle by which the camera is turned in the facility's frame, rad.

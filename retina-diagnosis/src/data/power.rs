@@ -120,6 +120,10 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
             &scale,
         ))
     });
+    let white_share = source.response.map_or([1.0 / 3.0; 3], |response| {
+        let full = [0, 1, 2].map(|c| light(&response.channels[c], 255.0));
+        full.map(|own| own / full.iter().sum::<f64>())
+    });
     let rows = order.len();
     let groups = Group::in_order(groups.into_iter().map(|((_, name), rows)| (name, rows.len())));
     Ok(Dataset {
@@ -137,6 +141,7 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
         wander: 0.0,
         stated,
         channel,
+        white_share,
         mounting: vec![0; rows],
         roll_rad: vec![0.0],
         half_tan: 1.0,
@@ -209,8 +214,16 @@ fn open_columns(
     out
 }
 
-/// One gain: dark readings have no light to scale.
+/// One gain: dark readings have no light to scale. Beside a response that is held also the optics' fall-off across the
+/// square, relative illumination 1 - c r^2 averaged over it, which no response of a pixel has.
 pub(super) fn baseline(data: &Dataset) -> Vec<Term<'_>> {
     let lit = data.values("lit");
-    vec![Term::new("gain_relative", move |i| [lit[i], 0.0])]
+    let mut out = vec![Term::new("gain_relative", move |i| [lit[i], 0.0])];
+    if data.held.is_some()
+        && let Some(square) = data.varying("square_px")
+    {
+        let most = square.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+        out.push(Term::new("fall_off_at_largest", move |i| [lit[i] * (square[i] / most).powi(2), 0.0]));
+    }
+    out
 }
