@@ -7,6 +7,7 @@ use crate::estimate::{Implausible, Parameter, estimate, implausible};
 use crate::flips::Flips;
 use crate::next::{NextMeasurement, propose};
 use crate::noise::Weights;
+use crate::physical::{Physical, physical};
 use crate::scatter::{Noise, noise};
 use crate::score::Frame;
 use crate::search::{
@@ -76,6 +77,8 @@ pub struct Diagnosis {
     pub accepted: Vec<&'static str>,
     /// For each of them those that these data cannot tell from it.
     pub rivals: Vec<Vec<&'static str>>,
+    /// For each of them what it is on the bench, where that can be said.
+    pub physical: Vec<Option<Physical>>,
     /// All that could be tried, best first.
     pub candidates: Vec<Candidate>,
     /// Accepted effects with those this data cannot tell from them.
@@ -186,6 +189,7 @@ fn search(
             indistinguishable.push(prepared[i].effect.name());
         }
     }
+    let physical = quantities(data, &baseline, &prepared, &found.accepted, &frame.weights);
     let rivals = |(set, own): (&Vec<usize>, &Accepted)| {
         set.iter().filter(|i| **i != own.index).map(|&i| prepared[i].effect.name()).collect()
     };
@@ -196,6 +200,7 @@ fn search(
         verdict,
         accepted: found.accepted.iter().map(|own| prepared[own.index].effect.name()).collect(),
         rivals: found.sets.iter().zip(&found.accepted).map(rivals).collect(),
+        physical,
         candidates,
         indistinguishable,
         next,
@@ -222,6 +227,36 @@ fn group_candidate(effect: &'static str, outlying: &Outlying, heldout_rms: f64) 
         parameters: vec![offset, number],
         implausible: Vec::new(),
     }
+}
+
+/// What each accepted effect is on the bench: its leading amplitudes beside the others'.
+fn quantities(
+    data: &Dataset,
+    baseline: &[Vec<f64>],
+    prepared: &[Prepared<'_>],
+    accepted: &[Accepted],
+    weights: &Weights,
+) -> Vec<Option<Physical>> {
+    let mut columns = baseline.to_vec();
+    for own in accepted {
+        columns.extend(prepared[own.index].columns[own.variant].iter().cloned());
+    }
+    let found = estimate(data, &columns, weights);
+    let k1 =
+        data.baseline_terms().iter().position(|term| term.name == "k1_arcsec").map(|at| found.values[at]);
+    let mut at = baseline.len();
+    accepted
+        .iter()
+        .map(|own| {
+            let form = &prepared[own.index].variants[own.variant];
+            let mut parameters = found.named(at, form.leading.iter().map(|term| term.name.clone()).collect());
+            at += form.leading.len();
+            for (name, value) in &form.shape {
+                parameters.push(Parameter { name: (*name).to_owned(), value: *value, sigma: None });
+            }
+            physical(data, prepared[own.index].effect.id, &parameters, k1)
+        })
+        .collect()
 }
 
 /// Held-out error from the baseline on, all under the final weights.

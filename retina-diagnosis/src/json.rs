@@ -10,6 +10,7 @@ use crate::estimate::Parameter;
 use crate::fit::Fit;
 use crate::headline::headline;
 use crate::output::warnings;
+use crate::physical::Physical;
 use crate::scatter::Noise;
 use crate::step::Step;
 
@@ -27,6 +28,20 @@ fn steps_json(steps: &[Step]) -> Value {
 /// A range; an end that is open is null.
 fn range_json(range: [f64; 2]) -> Value {
     range.iter().map(|end| if end.is_finite() { json!(end) } else { Value::Null }).collect()
+}
+
+fn accepted_at(result: &Diagnosis, effect: &str) -> Option<usize> {
+    result.accepted.iter().position(|own| *own == effect)
+}
+
+fn physical_json(physical: &Physical) -> Value {
+    json!({
+        "parameter": physical.parameter,
+        "value": physical.value,
+        "unit": physical.unit,
+        "sigma": physical.sigma,
+        "remedy": physical.remedy,
+    })
 }
 
 fn noise_json(noise: &Noise) -> Value {
@@ -87,12 +102,14 @@ pub fn diagnose_json(data: &Dataset, result: &Diagnosis) -> Value {
         "noise": noise_json(&result.noise),
         "accepted": result.accepted,
         "rivals": result.accepted.iter().zip(&result.rivals).map(|(own, rivals)| ((*own).to_owned(), json!(rivals))).collect::<Map<String, Value>>(),
+        "physical": result.accepted.iter().zip(&result.physical).filter_map(|(own, physical)| Some(((*own).to_owned(), physical_json(physical.as_ref()?)))).collect::<Map<String, Value>>(),
         "candidates": result.candidates.iter().map(|c| json!({
             "effect": c.effect,
             "p_value": c.p_value,
             "heldout_rms": c.heldout_rms,
             "parameters": parameters_json(&c.parameters),
-            "rivals": result.accepted.iter().position(|own| *own == c.effect).map(|at| &result.rivals[at]),
+            "rivals": accepted_at(result, c.effect).map(|at| &result.rivals[at]),
+            "physical": accepted_at(result, c.effect).and_then(|at| result.physical.get(at)?.as_ref()).map(physical_json),
             "implausible": c.implausible.iter().map(|i| json!({ "parameter": i.name, "plausible": range_json(i.range) })).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
         "indistinguishable": result.indistinguishable,

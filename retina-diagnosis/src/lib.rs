@@ -30,6 +30,7 @@ mod noise;
 mod output;
 mod own;
 mod pairs;
+mod physical;
 mod report;
 mod scatter;
 mod score;
@@ -61,6 +62,7 @@ pub use model_file::write_model;
 pub use next::NextMeasurement;
 pub use output::{compare_text, diagnose_text, effects_text, fit_text, write_predictions};
 pub use own::{OwnEffect, OwnParameter};
+pub use physical::Physical;
 pub use report::{
     Shape, compare_page, diagnose_page, effects_page, fit_page, signature_svg, unexplained_shapes,
 };

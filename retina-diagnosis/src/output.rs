@@ -192,6 +192,19 @@ pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
 pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
     let unit = data.kind.unit();
     let mut out = vec![headline(data, result), format!("verdict: {}", result.verdict.name())];
+    for (own, physical) in result.accepted.iter().zip(&result.physical) {
+        if let Some(p) = physical {
+            let digits = decimals(p.sigma);
+            out.push(format!(
+                "{own}: {} {:.digits$} +- {:.digits$} {}; {}",
+                p.parameter.replace('_', " "),
+                p.value,
+                p.sigma,
+                p.unit,
+                p.remedy
+            ));
+        }
+    }
     out.splice(0..0, warning_lines(data, result.outliers));
     out.extend(ladder_text(&result.steps, &result.noise, unit));
     if let Some(next) = &result.next {

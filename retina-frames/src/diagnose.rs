@@ -62,7 +62,8 @@ pub fn diagnose_frames(
         (data, added, ladder, fitted_parameters) = (next, with, steps, parameters);
         out.accepted.push(id);
         several |= found.indistinguishable.len() > 1;
-        out.rivals.extend(found.rivals.drain(..));
+        out.rivals.append(&mut found.rivals);
+        out.physical.push(None);
         for rival in &found.indistinguishable {
             if !out.indistinguishable.contains(rival) {
                 out.indistinguishable.push(rival);

@@ -196,6 +196,7 @@ pub enum RenderError {
 
 impl BodyModel {
     /// The same body without its triangles and textures, once a device holds them.
+    #[cfg(feature = "gpu")]
     pub(crate) fn without_shape(self) -> Self {
         let empty = Body {
             vertices: Vec::new(),
