@@ -30,7 +30,9 @@ pub(crate) struct Input {
     calibration: Option<PathBuf>,
     /// Baseline model, which is always fitted.
     ///
-    /// Points: `physical`, or `polynomial:N` with N from 1 to 7. Frames: `physical` (gain, offset,
+    /// Points: `physical`, `polynomial:N` with N from 1 to 7, or a lens model: `pinhole`,
+    /// `fisheye:equidistant`, `fisheye:equisolid`, `fisheye:stereographic`,
+    /// `fisheye:kannala-brandt` (or `fisheye`), `rational`. Frames: `physical` (gain, offset,
     /// shift, roll, scale), or `gain` alone.
     #[arg(long, default_value = "physical")]
     baseline: String,
