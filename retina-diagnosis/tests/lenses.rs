@@ -239,23 +239,30 @@ fn errors_are_angles_on_the_sky() {
     }
 }
 
-/// 60 arcsec at the edge of the camera for full light: an effect of the catalogue beside a fisheye.
+/// 60 arcsec at the edge of the camera for full light: an effect of the catalogue beside a fisheye, and none where there
+/// is none. `RETINA_SEEDS=100` takes so many tables and prints what was found (VALIDATION.md).
 #[test]
 fn an_effect_is_found_beside_a_lens() {
     const AMPLITUDE: f64 = 60.0 / ARCSEC_PER_RAD;
     // Counted from the middle of the lights: what all share would be another lens, which the model cannot follow.
     let effect = |u: DVec2, light: f64| u * AMPLITUDE * (light.log10() + 1.0222) / 2.0;
-    let text = Campaign { effect, exposures: 40, ..PLAIN }.table(law("fisheye"));
-    let data = data(&text, "fisheye").unwrap();
-    let found = diagnose(&data, &[], &DiagnoseOptions { flips: 499, seed: 1 });
-    assert_eq!(found.accepted, ["flux_coma"], "{:?}", found.verdict);
-    let plain = Campaign { exposures: 40, ..PLAIN }.table(law("fisheye"));
-    let nothing =
-        diagnose(&self::data(&plain, "fisheye").unwrap(), &[], &DiagnoseOptions { flips: 499, seed: 1 });
-    assert!(nothing.accepted.is_empty() && nothing.verdict == Verdict::Adequate, "{:?}", nothing.verdict);
-    let added = AddedEffect::read("flux_coma", &data).unwrap();
-    let fitted = fit(&data, &[added]).unwrap();
-    assert!((parameter(&fitted, "fx_px").0 - FOCAL_PX.x).abs() < 0.5);
+    let seeds: u64 = std::env::var("RETINA_SEEDS").map_or(1, |text| text.parse().unwrap());
+    let (mut missed, mut alarms) = (0, 0);
+    for seed in 100..100 + seeds {
+        let options = DiagnoseOptions { flips: 499, seed: 1 };
+        let campaign = Campaign { seed, exposures: 40, ..PLAIN };
+        let plain = data(&campaign.table(law("fisheye")), "fisheye").unwrap();
+        alarms += u64::from(diagnose(&plain, &[], &options).verdict != Verdict::Adequate);
+        let with = data(&Campaign { effect, ..campaign }.table(law("fisheye")), "fisheye").unwrap();
+        let found = diagnose(&with, &[], &options);
+        missed += u64::from(found.accepted != ["flux_coma"] || found.verdict != Verdict::Named);
+        let fitted = fit(&with, &[AddedEffect::read("flux_coma", &with).unwrap()]).unwrap();
+        assert!((parameter(&fitted, "fx_px").0 - FOCAL_PX.x).abs() < 0.5);
+    }
+    println!("of {seeds}: {missed} not named alone, {alarms} of as many without an effect not adequate");
+    // The levels are 3 % together, and three standard deviations of so many draws beyond.
+    let most = (0.03 * seeds as f64 + 3.0 * (0.03 * seeds as f64).sqrt()) as u64;
+    assert!(missed <= most && alarms <= most, "{missed} {alarms}");
 }
 
 #[test]

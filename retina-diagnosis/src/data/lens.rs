@@ -422,6 +422,18 @@ pub(super) fn values(fitted: &FittedLens, mountings: usize) -> Vec<f64> {
     entries(model, mountings).zip(names(model, mountings)).map(|(at, (_, unit))| all[at] * unit).collect()
 }
 
+/// The lens that a fit has found beside its effects; `None` where the baseline is none of a lens model.
+pub fn lens_of_fit(data: &Dataset, fit: &crate::fit::Fit) -> Option<Lens> {
+    let mut lens = data.lens.as_ref()?.lens;
+    let value = |name: &str| fit.parameters.iter().find(|p| p.name == name).map(|p| p.value);
+    lens.focal_px = DVec2::new(value("fx_px")?, value("fy_px")?);
+    lens.centre_px = DVec2::new(value("cx_px")?, value("cy_px")?);
+    for (coefficient, name) in lens.coefficients.iter_mut().zip(lens.model.coefficient_names()) {
+        *coefficient = value(name)?;
+    }
+    Some(lens)
+}
+
 /// A column for each parameter, arcsec per its unit.
 pub(super) fn baseline<'a>(data: &Dataset, fitted: &FittedLens) -> Vec<Term<'a>> {
     let mountings = data.roll_rad.len();

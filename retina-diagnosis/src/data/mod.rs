@@ -14,7 +14,7 @@ use std::sync::{Arc, OnceLock};
 
 pub(crate) use frames::term as pixel_term;
 pub use frames::{MOST_PIXELS, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels};
-pub use lens::FittedLens;
+pub use lens::{FittedLens, lens_of_fit};
 pub(crate) use phase::lambert_magnitude;
 pub use read::{Baseline, Source};
 pub(crate) use retina_geometry::ARCSEC_PER_RAD;

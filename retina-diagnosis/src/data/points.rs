@@ -225,6 +225,22 @@ fn refused_by_lens(
     }
 }
 
+/// Exposures whose extent is below this share of the whole table's cover a part of the field.
+const PART_OF_FIELD: f64 = 0.6;
+
+/// Whether an exposure's shift can be told from the lens. Boards fill a part of the field each: a lens that does not fit
+/// then shows as shifts of the exposures, and with these free there is nothing left to hold it.
+fn exposures_cover_the_field(known: &[Known]) -> bool {
+    let extent = |rows: &[&Known]| {
+        let at = |k: &&Known| DVec2::new(k.x, k.y);
+        let mean = rows.iter().map(at).sum::<DVec2>() / rows.len() as f64;
+        (rows.iter().map(|k| at(k).distance_squared(mean)).sum::<f64>() / rows.len() as f64).sqrt()
+    };
+    let all: Vec<&Known> = known.iter().collect();
+    let own: Vec<f64> = all.chunk_by(|a, b| a.group == b.group).map(extent).collect();
+    crate::series::median(&own) >= PART_OF_FIELD * extent(&all)
+}
+
 /// Covariates that are made of places, light and channel. `known` are the rows as the model knows them.
 fn made_covariates(seen: &Seen, known: &[Known]) -> Vec<Covariate> {
     let spots_px = true_places_px(known, &seen.camera_px);
@@ -311,6 +327,13 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
             }
         })
         .collect();
+    let jitters = lens.is_none() || exposures_cover_the_field(&known);
+    if !jitters {
+        notes.push(
+            "each exposure covers a small part of the field: a common error of its own is not told from the lens and is not fitted"
+                .to_owned(),
+        );
+    }
     all.extend(made_covariates(&seen, &known));
     let noise_key = noise_key(&rows, &seen.l, &mut notes);
     Ok(Dataset {
@@ -323,7 +346,7 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
         saturated,
         covariates: all,
         noise_key,
-        jitters: true,
+        jitters,
         channel: seen.channel,
         mounting: seen.mounting,
         roll_rad,
