@@ -122,6 +122,9 @@ impl Boards {
                     ));
                     out.files.push(path);
                 }
+                Err(why) if path.exists() => out.notes.push(format!(
+                    "the calibration.toml in the folder is of another import, none is written: {why}"
+                )),
                 Err(why) => out.notes.push(format!("no calibration.toml is written: {why}")),
             }
         }
@@ -252,8 +255,10 @@ impl Boards {
             }
         }
         let options = CalibrateOptions::default();
-        let result = calibrate(&table, setup, &options)
-            .map_err(|error| format!("the polynomials cannot be fitted: {error}"))?;
+        let result = calibrate(&table, setup, &options).map_err(|error| {
+            // The table is none of a file, so that the error begins without a name.
+            format!("its polynomials cannot be fitted: {}", error.to_string().trim_start_matches([':', ' ']))
+        })?;
         let focal_arcsec = retina_geometry::ARCSEC_PER_RAD / camera.fx_px;
         let rms_px = result.errors.rms_arcsec / std::f64::consts::SQRT_2 / focal_arcsec;
         if rms_px.is_nan() || rms_px > FOLLOWS_PX {

@@ -38,6 +38,11 @@ impl Literal {
     }
 }
 
+/// A text for an error, without control characters.
+pub(crate) fn printable(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
 struct Reader<'a> {
     path: &'a Path,
     text: &'a str,
@@ -68,11 +73,7 @@ impl<'a> Reader<'a> {
         let found: String = self.rest().chars().take(20).collect();
         InputError::new(self.path, problem)
             .line(self.line())
-            .found(if found.is_empty() {
-                "the end".to_owned()
-            } else {
-                format!("`{}`", found.escape_default())
-            })
+            .found(if found.is_empty() { "the end".to_owned() } else { format!("`{}`", printable(&found)) })
             .expected(expected)
             .help("the file is damaged, or edited by hand; take it anew from the program that wrote it")
     }

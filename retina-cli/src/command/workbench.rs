@@ -54,6 +54,20 @@ impl Input {
         crate::check_apart(inputs, outputs, None)
     }
 
+    /// Outputs of any name are no inputs, and no two are one.
+    pub(crate) fn check_written<'a>(
+        &'a self,
+        outputs: impl IntoIterator<Item = &'a Option<PathBuf>>,
+    ) -> Result<(), Failure> {
+        let inputs = self.data.iter().chain([&self.setup]).chain(&self.calibration);
+        crate::check_apart(inputs, outputs.into_iter().map(Option::as_ref), None)
+    }
+
+    /// Whether the baseline is a lens model.
+    pub(crate) fn has_lens(&self) -> bool {
+        matches!(Baseline::parse(&self.baseline), Ok(Baseline::Lens(_)))
+    }
+
     /// The first table, for errors about all.
     pub(crate) fn table(&self) -> &Path {
         self.data.first().map_or(Path::new("--data"), PathBuf::as_path)

@@ -131,6 +131,9 @@ fn camera(path: &Path, model: &Literal) -> Result<SourceCamera, InputError> {
     Ok(SourceCamera { model: name.clone(), focal_px, centre_px, size_px, lens })
 }
 
+/// Sides of an array, and its numbers.
+type Shaped<'a> = (&'a [usize], &'a [f64]);
+
 /// Arrays that the solver took, by any of their names.
 struct Inputs<'a> {
     path: &'a Path,
@@ -139,7 +142,7 @@ struct Inputs<'a> {
 
 impl Inputs<'_> {
     /// An array of a shape, in which 0 stands for any side; `None` where it is not there or mrcal's None.
-    fn numbers(&self, names: &[&str], shape: &[usize]) -> Result<Option<(&[usize], &[f64])>, InputError> {
+    fn numbers(&self, names: &[&str], shape: &[usize]) -> Result<Option<Shaped<'_>>, InputError> {
         let found = self.arrays.iter().find(|(name, _)| names.contains(&name.as_str()));
         let Some((name, Array::Numbers { shape: own, values })) = found else { return Ok(None) };
         let fits = own.len() == shape.len() && own.iter().zip(shape).all(|(o, s)| *s == 0 || o == s);
@@ -158,7 +161,7 @@ impl Inputs<'_> {
             .help("the file is damaged; take it anew from mrcal"))
     }
 
-    fn required(&self, names: &[&str], shape: &[usize]) -> Result<(&[usize], &[f64]), InputError> {
+    fn required(&self, names: &[&str], shape: &[usize]) -> Result<Shaped<'_>, InputError> {
         self.numbers(names, shape)?.ok_or_else(|| {
             InputError::new(self.path, "the optimization inputs lack an array")
                 .at(format!("array `{}`", names[0]))
@@ -264,7 +267,3 @@ fn of_inputs(
     }
     Ok(Boards { file: path.to_path_buf(), camera, views: out, notes })
 }
-
-#[cfg(test)]
-#[path = "tests.rs"]
-mod tests;

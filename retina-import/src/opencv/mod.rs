@@ -378,7 +378,3 @@ fn poses(keys: &Keys, count: usize) -> Result<Option<Vec<Vec<f64>>>, InputError>
         }
     }
 }
-
-#[cfg(test)]
-#[path = "tests.rs"]
-mod tests;

@@ -8,6 +8,8 @@ use std::path::Path;
 use retina_files::{InputError, read_text};
 use serde_json::{Map, Number, Value};
 
+use crate::literal::printable;
+
 /// Most bytes of a calibration.
 const MOST_BYTES: usize = 64 << 20;
 /// Maps and lists within each other, at most.
@@ -96,7 +98,7 @@ impl<'a> Yaml<'a> {
         let found: String = found.chars().take(40).collect();
         InputError::new(self.path, problem)
             .line(number)
-            .found(format!("`{}`", found.escape_default()))
+            .found(format!("`{}`", printable(&found)))
             .expected(expected)
             .help("only what cv::FileStorage writes is read; JSON may be easier to give")
     }
