@@ -89,7 +89,7 @@ fn tables_of_corners_are_posed_through_the_lens() {
     let files = [fixture("opencv8.cameramodel"), fixture("opencv8.vnl")];
     let boards = read_mrcal(&files, Some(7)).unwrap();
     let truth = read_mrcal(&files[..1], None).unwrap();
-    let (mut squares, mut count) = (0.0, 0.0);
+    let (mut squares, mut count) = (0.0f64, 0.0f64);
     for (view, own) in truth.views.iter().zip(&boards.views) {
         for corner in &view.corners {
             let found = own.corners.iter().find(|c| c.board == corner.board).unwrap();
@@ -97,7 +97,7 @@ fn tables_of_corners_are_posed_through_the_lens() {
             count += 1.0;
         }
     }
-    let rms_px = 700.0 * (squares / f64::from(count)).sqrt();
+    let rms_px = 700.0 * (squares / count).sqrt();
     assert!(rms_px < 1.5, "{rms_px}");
     let said = read_mrcal(&files, None).unwrap_err().to_string();
     assert!(
