@@ -6,14 +6,14 @@ use std::sync::OnceLock;
 
 use retina_diagnosis::{AddedEffect, Baseline, Dataset, Source};
 use retina_formats::{Calibration, Measurements, RadiometricCalibration, TableKind};
-use retina_geometry::Setup;
+use retina_geometry::{LensModel, Setup};
 use retina_image::{CameraImage, ReadOptions};
 
 /// A reader that is fed bytes.
 pub type Reader = fn(&[u8]);
 
 /// All readers by the names of their corpora.
-pub const READERS: [(&str, Reader); 23] = [
+pub const READERS: [(&str, Reader); 26] = [
     ("setup", setup),
     ("scene", scene),
     ("calibration", calibration),
@@ -37,6 +37,9 @@ pub const READERS: [(&str, Reader); 23] = [
     ("corto_scene", corto_scene),
     ("corto_geometry", corto_geometry),
     ("datagram", datagram),
+    ("cameramodel", cameramodel),
+    ("corners", corners),
+    ("opencv", opencv),
 ];
 
 /// A small camera before a small screen.
@@ -73,6 +76,10 @@ const POSES: &str = "time_s,camera_x_m,camera_y_m,camera_z_m,camera_from_inertia
 camera_from_inertial_y,camera_from_inertial_z,sun_x_m,sun_y_m,sun_z_m\n\
 0,0,0,-22500,1,0,0,0,0,0,-1.5e11\n60,0,0,-22500,1,0,0,0,1.5e11,0,0\n";
 
+const LENS: &str =
+    "{ 'lensmodel': 'LENSMODEL_OPENCV4', 'intrinsics': [700, 700, 640, 480, 0.1, -0.05, 0.001, -0.002,],
+'imagersize': [ 1280, 960,], }";
+
 const POINTS: &str = include_str!("../corpus/points/few.csv");
 
 /// A folder with what files may name, for all readers of the process.
@@ -86,6 +93,7 @@ fn folder() -> &'static Path {
             ("rock.obj", BODY),
             ("poses.csv", POSES),
             ("points.csv", POINTS),
+            ("lens.cameramodel", LENS),
         ] {
             std::fs::write(folder.join(name), text).expect("the temporary folder can be written");
         }
@@ -190,9 +198,17 @@ pub fn agf(bytes: &[u8]) {
     });
 }
 
-/// A table of points.
+/// A table of points, beside each lens model too.
 pub fn points(bytes: &[u8]) {
-    with_file("points.csv", bytes, |path| drop(dataset(&[path.to_path_buf()])));
+    with_file("points.csv", bytes, |path| {
+        let files = [path.to_path_buf()];
+        drop(dataset(&files));
+        let Ok(tables) = &Measurements::read(&files) else { return };
+        for model in LensModel::ALL {
+            let (setup, baseline) = (the_setup(), Baseline::Lens(model));
+            let _ = Dataset::new(&Source { tables, setup, calibration: None, response: None, baseline });
+        }
+    });
 }
 
 /// A table of power readings.
@@ -291,6 +307,40 @@ pub fn corto_scene(bytes: &[u8]) {
 /// CORTO's `geometry.json`.
 pub fn corto_geometry(bytes: &[u8]) {
     with_file("geometry.json", bytes, |path| drop(retina_corto::read_geometry(path, 1, &mut Vec::new())));
+}
+
+/// A camera model of mrcal with the boards that it was fitted to, and the files it becomes.
+pub fn cameramodel(bytes: &[u8]) {
+    with_file("camera.cameramodel", bytes, |path| {
+        imported(retina_import::read_mrcal(&[path.to_path_buf()], None));
+    });
+}
+
+/// A table of corners beside a camera model.
+pub fn corners(bytes: &[u8]) {
+    with_file("corners.vnl", bytes, |path| {
+        imported(retina_import::read_mrcal(
+            &[folder().join("lens.cameramodel"), path.to_path_buf()],
+            Some(7),
+        ));
+    });
+}
+
+/// A calibration of OpenCV, YAML or JSON.
+pub fn opencv(bytes: &[u8]) {
+    with_file("calibration.yaml", bytes, |path| {
+        imported(retina_import::read_opencv(&[path.to_path_buf()], false));
+    });
+}
+
+/// What follows from a calibration of another program.
+fn imported(boards: Result<retina_import::Boards, retina_files::InputError>) {
+    let Ok(boards) = boards else { return };
+    let thread: String =
+        format!("{:?}", std::thread::current().id()).chars().filter(char::is_ascii_digit).collect();
+    let out = folder().join(format!("{thread}-imported"));
+    let _ = boards.write(&out, &retina_import::ImportOptions { pixel_um: 5.0 });
+    let _ = std::fs::remove_dir_all(out);
 }
 
 /// A pose by UDP.

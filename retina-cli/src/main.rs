@@ -42,6 +42,9 @@ enum Command {
     Diagnose(command::diagnose::Arguments),
     /// Fits effects together with the baseline model.
     Fit(command::fit::Arguments),
+    /// Imports calibrations of other programs as measurements.
+    #[command(subcommand)]
+    Import(command::import::Command),
     /// Lists and explains the effects of the catalogue.
     Effects(command::effects::Arguments),
     /// Joins all report pages of a folder into one page that opens offline.
@@ -76,6 +79,7 @@ fn main() -> ExitCode {
         Command::Compare(arguments) => command::compare::run(&arguments),
         Command::Diagnose(arguments) => command::diagnose::run(&arguments),
         Command::Fit(arguments) => command::fit::run(&arguments),
+        Command::Import(command) => command::import::run(&command),
         Command::Effects(arguments) => command::effects::run(&arguments),
         Command::Report(arguments) => command::report::run(&arguments),
         Command::Body(arguments) => command::body::run(arguments),

@@ -143,6 +143,10 @@ fn length(data: &Dataset, residual: &[f64], row: usize) -> f64 {
     }
     let (x, y) = (data.values("x")[row] * data.half_tan, data.values("y")[row] * data.half_tan);
     let (dx, dy) = (residual[2 * row], residual[2 * row + 1]);
+    if data.lens.is_some() {
+        // These are angles already.
+        return dx.hypot(dy);
+    }
     // On the tangent plane an angle is smaller along the radius by 1 + r^2 and across it by its root.
     let r2 = x * x + y * y;
     let along = if r2 > 0.0 { (dx * x + dy * y) / r2.sqrt() } else { 0.0 };

@@ -48,8 +48,8 @@ pub use added::{AddedEffect, check_effects};
 pub use catalogue::{Effect, effects};
 pub use compare::{Comparison, Dependence, WorstGroup, compare};
 pub use data::{
-    Baseline, Covariate, Dataset, Group, MOST_PIXELS, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels,
-    Source,
+    Baseline, Covariate, Dataset, FittedLens, Group, MOST_PIXELS, PixelColumn, PixelEffect, PixelForm,
+    PixelPart, Pixels, Source, lens_of_fit,
 };
 pub use decode::{Decoded, Reading, decode};
 pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, diagnose, diagnose_step};

@@ -8,6 +8,7 @@
 //! - [`Pinhole`]: intrinsics K and an image size (eqs. 11-13 of the paper).
 //! - [`Distortion`]: D, what the facility does to a line of sight, and its inverse.
 //! - [`InverseDistortion`]: the calibrated D^-1, which depends on the irradiance of a point.
+//! - [`Lens`]: models of wide fields, as OpenCV and mrcal define them.
 //! - [`WarpMap`]: which source position an output pixel reads, upstream and downstream.
 //! - [`limb_ellipse`]: the outline of a sphere or ellipsoid in a pinhole image.
 
@@ -17,6 +18,7 @@ pub const ARCSEC_PER_RAD: f64 = 206_264.806_247_096_36;
 mod bench_setup;
 mod distortion;
 mod inverse;
+mod lens_models;
 mod limb;
 mod pinhole;
 mod setup;
@@ -25,6 +27,7 @@ mod warp;
 pub use bench_setup::{NoiseSetup, OpticsSetup};
 pub use distortion::{Distortion, DistortionError, MAX_DEGREE, term_count};
 pub use inverse::{InverseDistortion, InverseTerm};
+pub use lens_models::{Lens, LensImage, LensModel, MOST_COEFFICIENTS, OutOfDomain};
 pub use limb::{LimbEllipse, limb_ellipse};
 pub use pinhole::Pinhole;
 pub use setup::{CameraSetup, FacilitySetup, Intrinsics, ResponseSetup, ScreenSetup, Setup};

@@ -30,7 +30,9 @@ pub(crate) struct Input {
     calibration: Option<PathBuf>,
     /// Baseline model, which is always fitted.
     ///
-    /// Points: `physical`, or `polynomial:N` with N from 1 to 7. Frames: `physical` (gain, offset,
+    /// Points: `physical`, `polynomial:N` with N from 1 to 7, or a lens model: `pinhole`,
+    /// `fisheye:equidistant`, `fisheye:equisolid`, `fisheye:stereographic`,
+    /// `fisheye:kannala-brandt` (or `fisheye`), `rational`. Frames: `physical` (gain, offset,
     /// shift, roll, scale), or `gain` alone.
     #[arg(long, default_value = "physical")]
     baseline: String,
@@ -50,6 +52,20 @@ impl Input {
         let outputs = outputs.iter().map(|(path, _)| path.as_ref());
         let inputs = self.data.iter().chain([&self.setup]).chain(&self.calibration).chain(&effects);
         crate::check_apart(inputs, outputs, None)
+    }
+
+    /// Outputs of any name are no inputs, and no two are one.
+    pub(crate) fn check_written<'a>(
+        &'a self,
+        outputs: impl IntoIterator<Item = &'a Option<PathBuf>>,
+    ) -> Result<(), Failure> {
+        let inputs = self.data.iter().chain([&self.setup]).chain(&self.calibration);
+        crate::check_apart(inputs, outputs.into_iter().map(Option::as_ref), None)
+    }
+
+    /// Whether the baseline is a lens model.
+    pub(crate) fn has_lens(&self) -> bool {
+        matches!(Baseline::parse(&self.baseline), Ok(Baseline::Lens(_)))
     }
 
     /// The first table, for errors about all.

@@ -135,6 +135,7 @@ impl Dataset {
             files: pixels.files.clone(),
             notes: pixels.notes.clone(),
             pixels: Some(Arc::new(pixels)),
+            lens: None,
         })
     }
 
@@ -150,6 +151,9 @@ impl Dataset {
 
     /// The values that the baseline's coefficients are counted from.
     pub(crate) fn baseline_values(&self) -> Vec<f64> {
+        if let Some(lens) = &self.lens {
+            return super::lens::values(lens, self.roll_rad.len());
+        }
         let of_pixels = |pixels: &Pixels| pixels.baseline.iter().map(|(_, value)| *value).collect();
         self.pixels().map_or_else(|| vec![0.0; self.baseline_terms().len()], of_pixels)
     }

@@ -1,6 +1,7 @@
 //! Any of the tables as one kind of data: residuals of one or two components, groups, covariates.
 
 mod frames;
+mod lens;
 mod phase;
 mod places;
 mod points;
@@ -13,6 +14,7 @@ use std::sync::{Arc, OnceLock};
 
 pub(crate) use frames::term as pixel_term;
 pub use frames::{MOST_PIXELS, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels};
+pub use lens::{FittedLens, lens_of_fit};
 pub(crate) use phase::lambert_magnitude;
 pub use read::{Baseline, Source};
 pub(crate) use retina_geometry::ARCSEC_PER_RAD;
@@ -138,6 +140,8 @@ pub struct Dataset {
     pub(crate) field: OnceLock<Field>,
     /// The pixels, of a table of frames.
     pub(crate) pixels: Option<Arc<Pixels>>,
+    /// The lens model that the baseline's columns are derivatives of.
+    pub(crate) lens: Option<Arc<FittedLens>>,
     /// The files.
     pub files: Vec<PathBuf>,
     /// What the user ought to know of how it was read.
@@ -202,6 +206,7 @@ impl Dataset {
             held: self.held.as_ref().map(|held| held.of_rows(&rows)),
             field: OnceLock::new(),
             pixels: None,
+            lens: self.lens.clone(),
             ..*self
         })
     }

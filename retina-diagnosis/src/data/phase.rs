@@ -96,6 +96,7 @@ pub(super) fn read(_source: &Source<'_>, table: &PhaseTable) -> Result<Dataset, 
         held: None,
         field: OnceLock::new(),
         pixels: None,
+        lens: None,
         files: table.files.iter().map(|file| file.path.clone()).collect(),
         notes,
     })

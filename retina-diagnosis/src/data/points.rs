@@ -1,18 +1,19 @@
 //! `points.csv` as data: camera lines of sight against displayed ones, in the facility's frame, arcsec.
 
 use std::collections::HashMap;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use glam::{DMat2, DVec2};
 use retina_files::InputError;
 use retina_formats::{
     Calibration, Channel, PointRow, PointsTable, TableKind, log10_irradiance, measured_or_power_law,
 };
-use retina_geometry::{ARCSEC_PER_RAD, Pinhole};
+use retina_geometry::{ARCSEC_PER_RAD, LensModel, Pinhole};
 
 use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repeated, stated};
 use crate::field::{Held, HeldModel};
 
+use super::lens::{self, FittedLens, LensProblem, Shown};
 use super::places::{Known, true_places_px};
 use super::{Covariate, Dataset, Flip, Group, RowFrame, Term};
 
@@ -111,14 +112,29 @@ impl Seen {
     }
 }
 
-/// Errors in the facility's frame, arcsec, and how each goes back to camera pixels.
-fn errors(seen: &Seen, predicted: &[DVec2], roll_rad: &[f64], camera: &Pinhole) -> (Vec<f64>, Vec<RowFrame>) {
+/// The rows by a model, before the baseline's columns are fitted.
+struct Explained {
+    /// Errors in the facility's frame, arcsec.
+    y: Vec<f64>,
+    /// How each goes back to camera pixels.
+    frame: Vec<RowFrame>,
+    roll_rad: Vec<f64>,
+    /// The model's places, camera px.
+    predicted_px: Vec<DVec2>,
+    lens: Option<Arc<FittedLens>>,
+}
+
+/// Errors on the tangent plane.
+fn on_tangent_plane(seen: &Seen, predicted: &[DVec2], camera: &Pinhole) -> Explained {
+    let roll_rad = rolls(predicted, &seen.sight, &seen.mounting, seen.mountings);
     let (mut y, mut frame) = (Vec::with_capacity(2 * predicted.len()), Vec::with_capacity(predicted.len()));
+    let mut predicted_px = Vec::with_capacity(predicted.len());
     for (i, predicted) in predicted.iter().enumerate() {
         let facility_from_camera = DMat2::from_angle(roll_rad[seen.mounting[i]]);
         let off = (facility_from_camera * seen.sight[i] - *predicted) * ARCSEC_PER_RAD;
         y.extend([off.x, off.y]);
         let back = facility_from_camera.transpose();
+        predicted_px.push(camera.pixel(back * *predicted));
         let px = |row: usize, column: usize| {
             let focal = if row == 0 { camera.fx_px } else { camera.fy_px };
             back.col(column)[row] * focal / ARCSEC_PER_RAD
@@ -128,7 +144,101 @@ fn errors(seen: &Seen, predicted: &[DVec2], roll_rad: &[f64], camera: &Pinhole) 
             to_table: [[px(0, 0), px(0, 1)], [px(1, 0), px(1, 1)]],
         });
     }
-    (y, frame)
+    Explained { y, frame, roll_rad, predicted_px, lens: None }
+}
+
+/// Errors of a lens model that is fitted to the rows: pixels by the angle that a pixel is at its place.
+fn by_lens(
+    model: LensModel,
+    seen: &Seen,
+    camera: &Pinhole,
+    table: &PointsTable,
+    rows: &[&PointRow],
+    notes: &mut Vec<String>,
+) -> Result<Explained, InputError> {
+    let points: Vec<Shown> = (0..rows.len())
+        .map(|i| Shown {
+            displayed: seen.undistorted[i],
+            camera_px: seen.camera_px[i],
+            mounting: seen.mounting[i],
+        })
+        .collect();
+    let refused = |problem: LensProblem| refused_by_lens(model, table, rows, problem);
+    let fitted = lens::fitted(model, camera, &points).map_err(refused)?;
+    notes.push(format!("the baseline starts from {}", fitted.text()));
+    let mut out = Explained {
+        y: Vec::with_capacity(2 * rows.len()),
+        frame: Vec::with_capacity(rows.len()),
+        roll_rad: fitted.mountings.iter().map(|[_, _, turn]| -turn).collect(),
+        predicted_px: Vec::with_capacity(rows.len()),
+        lens: None,
+    };
+    for (row, point) in points.iter().enumerate() {
+        let (off, px_per_arcsec, place_px) = lens::residual(&fitted, point, row).map_err(refused)?;
+        out.y.extend(off.to_array());
+        let [a, b] = [0, 1].map(|axis| px_per_arcsec.row(axis).to_array());
+        out.frame.push(RowFrame { measured: point.camera_px.to_array(), to_table: [a, b] });
+        out.predicted_px.push(place_px);
+    }
+    out.lens = Some(Arc::new(fitted));
+    Ok(out)
+}
+
+/// What a user reads of rows that a lens model cannot take.
+fn refused_by_lens(
+    model: LensModel,
+    table: &PointsTable,
+    rows: &[&PointRow],
+    problem: LensProblem,
+) -> InputError {
+    let name = model.name();
+    let at = |row: usize, problem: String| table.refused(rows[row], &problem, "screen_x_px");
+    let others =
+        "choose a baseline of wider fields (fisheye:...), leave out the rows, or look at the setup's K_f";
+    match problem {
+        LensProblem::NoImage(row, why) => at(row, format!("the baseline `{name}` has no image of the displayed point"))
+            .found(why)
+            .expected("a direction within the model's domain")
+            .help(others),
+        LensProblem::TurnsBack(row, angle, turn) => {
+            at(row, format!("the fitted baseline `{name}` turns back before it reaches the displayed point"))
+                .found(format!(
+                    "a point at {:.2} deg from the optical axis; from {:.2} deg on the image radius falls",
+                    angle.to_degrees(),
+                    turn.to_degrees()
+                ))
+                .expected("a radius that grows with the angle over all points")
+                .help("choose a baseline with fewer coefficients, add points at the edge of the field, or leave out such rows")
+        }
+        LensProblem::Singular(row) => {
+            at(row, format!("the fitted baseline `{name}` does not tell directions apart at the displayed point"))
+                .found("an image that does not change with the direction")
+                .expected("a place in the image for each direction")
+                .help(others)
+        }
+        LensProblem::TooFew(least) => {
+            InputError::new(first_file(&table.files), format!("has too few points for the baseline `{name}`"))
+                .found(format!("{} usable rows", rows.len()))
+                .expected(format!("at least {least}"))
+                .help("choose a baseline with fewer coefficients")
+        }
+    }
+}
+
+/// Exposures whose extent is below this share of the whole table's cover a part of the field.
+const PART_OF_FIELD: f64 = 0.6;
+
+/// Whether an exposure's shift can be told from the lens. Boards fill a part of the field each: a lens that does not fit
+/// then shows as shifts of the exposures, and with these free there is nothing left to hold it.
+fn exposures_cover_the_field(known: &[Known]) -> bool {
+    let extent = |rows: &[&Known]| {
+        let at = |k: &&Known| DVec2::new(k.x, k.y);
+        let mean = rows.iter().map(at).sum::<DVec2>() / rows.len() as f64;
+        (rows.iter().map(|k| at(k).distance_squared(mean)).sum::<f64>() / rows.len() as f64).sqrt()
+    };
+    let all: Vec<&Known> = known.iter().collect();
+    let own: Vec<f64> = all.chunk_by(|a, b| a.group == b.group).map(extent).collect();
+    crate::series::median(&own) >= PART_OF_FIELD * extent(&all)
 }
 
 /// Covariates that are made of places, light and channel. `known` are the rows as the model knows them.
@@ -179,9 +289,12 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
                 .to_owned(),
         );
     }
-    let roll_rad = rolls(&predicted, &seen.sight, &seen.mounting, seen.mountings);
     let half_tan = 0.5 * f64::from(camera.width_px) / camera.fx_px;
-    let (y, frame) = errors(&seen, &predicted, &roll_rad, &camera);
+    let explained = match (source.calibration, source.baseline) {
+        (None, Baseline::Lens(model)) => by_lens(model, &seen, &camera, table, &rows, &mut notes)?,
+        _ => on_tangent_plane(&seen, &predicted, &camera),
+    };
+    let Explained { y, frame, roll_rad, predicted_px, lens } = explained;
     let row = |at: usize| &table.rows[at];
     let mut all = covariates(
         &table.files,
@@ -202,10 +315,9 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
     let known: Vec<Known> = of_group
         .enumerate()
         .map(|(i, group)| {
-            let camera_from_facility = DMat2::from_angle(-roll_rad[seen.mounting[i]]);
             let position = seen.undistorted[i] / half_tan;
             Known {
-                predicted_px: camera.pixel(camera_from_facility * predicted[i]),
+                predicted_px: predicted_px[i],
                 x: position.x,
                 y: position.y,
                 l: seen.l[i],
@@ -215,6 +327,13 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
             }
         })
         .collect();
+    let jitters = lens.is_none() || exposures_cover_the_field(&known);
+    if !jitters {
+        notes.push(
+            "each exposure covers a small part of the field: a common error of its own is not told from the lens and is not fitted"
+                .to_owned(),
+        );
+    }
     all.extend(made_covariates(&seen, &known));
     let stated: Option<Vec<f64>> = stated("sigma_px", rows.iter().map(|row| row.sigma_px), &mut notes)
         .map(|sigma| sigma.iter().map(|sigma| sigma * ARCSEC_PER_RAD / camera.fx_px).collect());
@@ -232,7 +351,7 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
         saturated,
         covariates: all,
         noise_key,
-        jitters: true,
+        jitters,
         flip: Flip::Groups,
         wander: 0.0,
         stated,
@@ -247,6 +366,7 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
         held: held.map(Held::Geometry),
         field: OnceLock::new(),
         pixels: None,
+        lens,
         files: table.files.iter().map(|file| file.path.clone()).collect(),
         notes,
     })
@@ -308,8 +428,12 @@ fn noise_key(rows: &[&PointRow], l: &[f64]) -> Vec<f64> {
     l.iter().enumerate().map(|(i, l)| -l * std::f64::consts::LN_10 - ln_exposure(i)).collect()
 }
 
-/// Shift and linear terms of each mounting, radial terms of all (`Physical`); a polynomial; or a similarity.
+/// Shift and linear terms of each mounting, radial terms of all (`Physical`); a polynomial; a similarity; or a lens's
+/// parameters.
 pub(super) fn baseline(data: &Dataset) -> Vec<Term<'_>> {
+    if let Some(lens) = &data.lens {
+        return lens::baseline(data, lens);
+    }
     let (x, y) = (data.values("x"), data.values("y"));
     let mut out = Vec::new();
     for m in 0..data.roll_rad.len() {
@@ -343,7 +467,7 @@ pub(super) fn baseline(data: &Dataset) -> Vec<Term<'_>> {
                 }
             }
         }
-        Baseline::Similarity => {}
+        Baseline::Similarity | Baseline::Lens(_) => {}
     }
     out
 }

@@ -153,6 +153,7 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
         held,
         field: OnceLock::new(),
         pixels: None,
+        lens: None,
         files: table.files.iter().map(|file| file.path.clone()).collect(),
         notes,
     })

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use retina_files::InputError;
 use retina_formats::{Calibration, ExtraColumn, Measurements, RadiometricCalibration, SourceFile};
-use retina_geometry::Setup;
+use retina_geometry::{LensModel, Setup};
 
 use super::{Covariate, Dataset, phase, points, power};
 
@@ -20,10 +20,12 @@ pub enum Baseline {
     Polynomial(u32),
     /// Points under a calibration held fixed: shift, rotation and scale.
     Similarity,
+    /// Points: focal lengths, principal point, coefficients and the camera's rotation, of a lens model.
+    Lens(LensModel),
 }
 
 impl Baseline {
-    /// From `physical` or `polynomial:N`.
+    /// From `physical`, `polynomial:N` or a lens model's name.
     ///
     /// # Errors
     /// Anything else, or a degree outside 1 to 7.
@@ -31,12 +33,18 @@ impl Baseline {
         if text == "physical" {
             return Ok(Self::Physical);
         }
+        if let Some(model) = LensModel::of_name(text) {
+            return Ok(Self::Lens(model));
+        }
         let degree = text.strip_prefix("polynomial:").and_then(|n| n.parse().ok());
         match degree {
             Some(degree @ 1..=7) => Ok(Self::Polynomial(degree)),
-            _ => Err(InputError::new("--baseline", "is no baseline")
-                .found(format!("`{text}`"))
-                .expected("`physical` or `polynomial:N` with N from 1 to 7")),
+            _ => Err(InputError::new("--baseline", "is no baseline").found(format!("`{text}`")).expected(
+                format!(
+                    "`physical`, `polynomial:N` with N from 1 to 7, or a lens model: {}",
+                    LensModel::ALL.map(LensModel::name).join(", ")
+                ),
+            )),
         }
     }
 }
