@@ -23,6 +23,6 @@ pub use display::{Display, ScreenImage, SubPixel};
 pub use error::BenchError;
 pub use imperfections::{Imperfections, Objective, ScreenPlacement};
 pub use optics::{
-    BenchOptics, CameraPose, ExposurePose, OpticsDetail, Source, channel_lines, facility_system,
+    BenchOptics, CameraPose, ExposurePose, OpticsDetail, Source, channel_lines, display_rays, facility_system,
 };
 pub use sensor::Sensor;

@@ -165,6 +165,14 @@ fn search(
         too_little: insufficient.is_some(),
     });
     notes.extend(crate::noise::lost_groups(data, &frame.weights));
+    notes.extend(unexplained.weak.as_ref().map(|weak| {
+        let within = weak.width_px.map_or_else(String::new, |px| format!(" within {px:.0} px of the screen"));
+        format!(
+            "neighbours in {}{within} share {:.2} of the noise: a fixed pattern that is real, and too weak to count",
+            weak.covariates.join(", "),
+            weak.strength
+        )
+    }));
     let mut next =
         found.sets.iter().zip(&found.accepted).find(|(set, _)| set.len() > 1).and_then(|(set, own)| {
             let members: Vec<&'static Effect> = set.iter().map(|&i| prepared[i].effect).collect();

@@ -55,7 +55,8 @@ struct Statistic {
 
 /// The test of what a frame's base leaves, most significant first.
 pub(crate) fn shared(frame: &Frame<'_>, seed: u64) -> Vec<Shared> {
-    let statistics = statistics(frame);
+    let Some(error) = frame.free_of_field(&[]).pop() else { return Vec::new() };
+    let statistics = of_patterns(frame, &error, cells(frame.data), FEWEST_PAIRS);
     let n = frame.data.components() as f64;
     let p = p_values(&statistics, seed);
     let mut out: Vec<Shared> = statistics
@@ -80,26 +81,33 @@ pub(crate) fn power(frame: &Frame<'_>, wavelengths_px: &[f64]) -> Vec<(f64, f64)
         return Vec::new();
     }
     let of_px = data.screen_pixel_arcsec / retina_geometry::ARCSEC_PER_RAD / data.half_tan;
-    let own = statistics(frame);
-    if own.is_empty() {
-        return Vec::new();
-    }
-    let needed = deviate_needed(&own);
     let (x, y) = (data.values("x"), data.values("y"));
-    wavelengths_px
+    let ripples: Vec<Vec<f64>> = wavelengths_px
         .iter()
         .map(|&wavelength| {
             let k = std::f64::consts::TAU / (wavelength * of_px);
             // A ripple along a diagonal: neither stripes of x nor of y favour it.
-            let ripple: Vec<f64> = (0..data.len())
+            (0..data.len())
                 .flat_map(|row| {
                     let wave = (k * (0.6 * x[row] + 0.8 * y[row])).sin();
                     [wave * std::f64::consts::FRAC_1_SQRT_2; 2]
                 })
-                .collect();
-            let whitened = frame.residual(&ripple);
+                .collect()
+        })
+        .collect();
+    let mut whitened = frame.free_of_field(&ripples).into_iter();
+    let own =
+        whitened.next().map_or_else(Vec::new, |error| of_patterns(frame, &error, cells(data), FEWEST_PAIRS));
+    if own.is_empty() {
+        return Vec::new();
+    }
+    let needed = deviate_needed(&own);
+    wavelengths_px
+        .iter()
+        .zip(whitened)
+        .map(|(&wavelength, ripple)| {
             let patterns: Vec<Cells> = own.iter().map(|s| s.cells.clone()).collect();
-            let of_ripple = of_patterns(frame, &whitened, patterns, 0.0);
+            let of_ripple = of_patterns(frame, &ripple, patterns, 0.0);
             // With an amplitude a the sum grows by a^2 T_ripple; its own scatter grows by little.
             let best =
                 own.iter().zip(&of_ripple).map(|(own, ripple)| ripple.total / own.sigma).fold(0.0, f64::max);
@@ -115,10 +123,6 @@ fn deviate_needed(statistics: &[Statistic]) -> f64 {
         draws.iter().map(|draw| draw.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();
     highest.sort_by(f64::total_cmp);
     highest[((highest.len() - 1) as f64 * 0.995).round() as usize] + 1.645
-}
-
-fn statistics(frame: &Frame<'_>) -> Vec<Statistic> {
-    of_patterns(frame, &frame.error, cells(frame.data), FEWEST_PAIRS)
 }
 
 fn of_patterns(frame: &Frame<'_>, error: &[f64], patterns: Vec<Cells>, fewest: f64) -> Vec<Statistic> {

@@ -51,8 +51,8 @@ impl Along {
 /// The quantity that an effect is on this bench; `None` where the catalogue's amplitude is all that can be said.
 /// `parameters` are the effect's own, `k1_arcsec` the baseline's radial term where it is fitted.
 ///
-/// Small rotations: a screen or a camera turned by tau moves a line of sight u (tangents) by tau (u . e) u, which in
-/// units of half the camera's width w is tau w^2. A roll by rho moves the edge by rho w, a focal length that is longer
+/// A camera turned by tau moves a line of sight u (tangents) by -tau (u . e) u, which in units of half the camera's width
+/// w is tau w^2; a display turned by tau by k tau (u . e) u, k from the chief rays ([`retina_geometry::DisplayRays`]). A roll by rho moves the edge by rho w, a focal length that is longer
 /// by a part eps by eps w.
 pub(crate) fn physical(
     data: &Dataset,
@@ -90,22 +90,38 @@ fn of_points(
     let shape = |name: &str| parameters.iter().find(|p| p.name.ends_with(name)).map(|p| p.value);
     match effect {
         E::ScreenTilt => {
-            let along = Along::of(parameters, deg)?;
-            let side = |v: f64| if v > 0.0 { "towards the lenses" } else { "away from the lenses" };
+            // A pinhole's display that is turned away on its +x side shows a smaller x there: its gain is -1.
+            let gain = data.display.map_or(-1.0, |rays| rays.tilt_gain());
+            let along = Along::of(parameters, deg / gain)?;
+            let side = |away: f64| if away > 0.0 { "towards the lenses" } else { "away from the lenses" };
             let remedy = format!(
-                "turn the display back: its +x side by {:.3} +- {:.3} deg {}, its +y side by {:.3} +- {:.3} deg {}",
-                along.x[0].abs(), along.x[1], side(TILT_SIGN * along.x[0]), along.y[0].abs(), along.y[1],
-                side(TILT_SIGN * along.y[0])
+                "turn the display back: its +x side by {:.3} +- {:.3} deg {}, its +y side by {:.3} +- {:.3} deg {}{}",
+                along.x[0].abs(),
+                along.x[1],
+                side(along.x[0]),
+                along.y[0].abs(),
+                along.y[1],
+                side(along.y[0]),
+                if data.display.is_some() { "" } else { " (as if it stood behind one thin lens)" }
             );
             made("tilt", along.size(), "deg", remedy)
         }
         E::CameraPointing => {
-            let along = Along::of(parameters, deg)?;
-            let remedy = format!(
-                "turn the camera's boresight by {} in its own axes",
-                Along { x: [-along.x[0], along.x[1]], y: [-along.y[0], along.y[1]] }.text("deg")
-            );
+            let along = Along::of(parameters, -deg)?;
+            let back = Along { x: [-along.x[0], along.x[1]], y: [-along.y[0], along.y[1]] };
+            let remedy = format!("turn the camera's boresight by {} in its own axes", back.text("deg"));
             made("boresight_off_axis", along.size(), "deg", remedy)
+        }
+        E::ScreenBow => {
+            let rays = data.display?;
+            // The second amplitude is that of x y, so of the diagonals.
+            let um = 1e3 / ARCSEC_PER_RAD / (rays.tangent_per_depth(0.0) * w);
+            let sag = Along::of(parameters, um)?;
+            let remedy = format!(
+                "flatten the display's mounting: sag {:+.2} +- {:.2} um (x^2 - y^2) {:+.2} +- {:.2} um x y at the edge, away from the lenses",
+                sag.x[0], sag.x[1], sag.y[0], sag.y[1]
+            );
+            made("sag_at_half_width", sag.size(), "um", remedy)
         }
         E::OpticalCentre => {
             let k1 = k1_arcsec.filter(|k1| k1.abs() > 1.0)?;
@@ -185,17 +201,13 @@ fn of_points(
             "calibrate at several counts (D^-1 as a function of L), or use centroids that a tail does not move"
                 .to_owned(),
         ),
-        E::ScreenBow
-        | E::LateralColour
+        E::LateralColour
         | E::ColourWedge
         | E::CameraPixelPhase
         | E::ScreenPixelPhase
         | E::RowLoadingShift => None,
     }
 }
-
-/// Sign of a tilt's amplitude where the side that the amplitude names lies away from the lenses.
-const TILT_SIGN: f64 = 1.0;
 
 fn of_power(data: &Dataset, effect: PowerEffect, parameters: &[Parameter]) -> Option<Physical> {
     use PowerEffect as E;

@@ -133,6 +133,22 @@ impl<'d> Frame<'d> {
         self.basis.residual(self.basis.residual(self.weights.whitened(self.data, column)))
     }
 
+    /// Whitened data, and further columns, without anything that a held calibration's error could be: as if that error's
+    /// columns were fitted freely. What all groups share because the calibration is a little wrong is then no structure.
+    pub(crate) fn free_of_field(&self, columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let length = self.data.y.len();
+        let top = |column: &Vec<f64>| column[..length].to_vec();
+        let free = (self.data.field_len() > 0)
+            .then(|| Basis::spanning(&self.basis.q.iter().map(top).collect::<Vec<Vec<f64>>>()));
+        std::iter::once(self.y.clone())
+            .chain(columns.iter().map(|column| self.weights.whitened(self.data, column)))
+            .map(|column| match &free {
+                Some(free) => free.residual(free.residual(top(&column))),
+                None => self.basis.residual(self.basis.residual(column)),
+            })
+            .collect()
+    }
+
     /// Score of columns.
     pub(crate) fn score(&self, columns: &[Vec<f64>]) -> Score {
         self.scores(&[columns]).swap_remove(0)

@@ -18,7 +18,24 @@ pub struct Unexplained {
     /// Ripples that would have been found with 95 %: their wavelength in pixels of the screen, and their amplitude in
     /// the table's unit.
     pub visible: Vec<[f64; 2]>,
+    /// What neighbours share significantly, and yet so little that it does not count.
+    pub weak: Option<Weak>,
 }
+
+/// Structure far below the noise.
+#[derive(Debug, Clone)]
+pub struct Weak {
+    /// The columns of the cells.
+    pub covariates: Vec<String>,
+    /// Width of the cells in pixels of the screen.
+    pub width_px: Option<f64>,
+    /// Its rms over that of the noise.
+    pub strength: f64,
+}
+
+/// What neighbours share counts from this part of the noise on: every facility has fixed patterns of its pixels far
+/// below its noise. Weaker ones are told of in a note.
+const FLOOR_SHARED: f64 = 0.4;
 
 /// Seed of the draws of the neighbours' test.
 const PAIRS_SEED: u64 = 2;
@@ -67,14 +84,19 @@ pub(crate) fn unexplained(
             }
         }
     } else if let Some(found) =
-        shared.iter().find(|shared| of_two(shared.p_value) <= level && shared.strength >= floor)
+        shared.iter().find(|shared| of_two(shared.p_value) <= level && shared.strength >= FLOOR_SHARED)
     {
         covariates.extend(found.covariates.iter().cloned());
         let same = |s: &&Shared| s.covariates == found.covariates && of_two(s.p_value) <= level;
         width_px = shared.iter().filter(same).filter_map(|s| s.width_px).reduce(f64::max);
     }
+    let weak = shared
+        .iter()
+        .filter(|s| covariates.is_empty() && of_two(s.p_value) <= level)
+        .max_by(|a, b| a.strength.total_cmp(&b.strength))
+        .map(|s| Weak { covariates: s.covariates.clone(), width_px: s.width_px, strength: s.strength });
     let visible = power(&frame, &WAVELENGTHS_PX).into_iter().map(|(width, size)| [width, size]).collect();
-    Unexplained { p_value, covariates, width_px, visible }
+    Unexplained { p_value, covariates, width_px, visible, weak }
 }
 
 /// Whether what depends on one column also points along or across the radius, and not the same way everywhere.

@@ -9,6 +9,7 @@
 //! - [`Distortion`]: D, what the facility does to a line of sight, and its inverse.
 //! - [`InverseDistortion`]: the calibrated D^-1, which depends on the irradiance of a point.
 //! - [`Lens`]: models of wide fields, as OpenCV and mrcal define them.
+//! - [`DisplayRays`]: what the display's depth does to a line of sight.
 //! - [`WarpMap`]: which source position an output pixel reads, upstream and downstream.
 //! - [`limb_ellipse`]: the outline of a sphere or ellipsoid in a pinhole image.
 
@@ -16,6 +17,7 @@
 pub const ARCSEC_PER_RAD: f64 = 206_264.806_247_096_36;
 
 mod bench_setup;
+mod display_rays;
 mod distortion;
 mod inverse;
 mod lens_models;
@@ -25,6 +27,7 @@ mod setup;
 mod warp;
 
 pub use bench_setup::{NoiseSetup, OpticsSetup};
+pub use display_rays::DisplayRays;
 pub use distortion::{Distortion, DistortionError, MAX_DEGREE, term_count};
 pub use inverse::{InverseDistortion, InverseTerm};
 pub use lens_models::{Lens, LensImage, LensModel, MOST_COEFFICIENTS, OutOfDomain};

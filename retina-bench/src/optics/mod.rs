@@ -19,7 +19,7 @@ use retina_optics::facility::{
 };
 use retina_radiometry::QuantumEfficiency;
 
-pub use place::{CameraPose, ExposurePose, facility_system};
+pub use place::{CameraPose, ExposurePose, display_rays, facility_system};
 
 use crate::imperfections::Objective;
 use crate::{BenchError, Display, Imperfections};

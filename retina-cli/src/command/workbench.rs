@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::DVec2;
 use retina_diagnosis::{AddedEffect, Baseline, Dataset, Source};
 use retina_files::InputError;
 use retina_formats::{Calibration, Measurements, RadiometricCalibration, TableKind};
@@ -144,8 +145,26 @@ impl Input {
             response: response.as_ref(),
             baseline,
         };
-        let data = Dataset::new(&source)?;
+        let mut data = Dataset::new(&source)?;
+        if matches!(tables, Measurements::Points(_)) {
+            data = with_lenses(data, &setup);
+        }
         Ok(TableMaterial { setup, tables, calibration, data })
+    }
+}
+
+/// Gives the data the facility's lenses. Of a setup whose lenses cannot be traced the leading forms hold, and a note says
+/// so.
+fn with_lenses(mut data: Dataset, setup: &Setup) -> Dataset {
+    let camera = setup.camera_pinhole();
+    let corner =
+        DVec2::new(f64::from(camera.width_px) / camera.fx_px, f64::from(camera.height_px) / camera.fy_px);
+    match retina_bench::display_rays(setup, 0.5 * corner.length()) {
+        Ok(rays) => data.with_display_rays(rays),
+        Err(error) => {
+            data.notes.push(format!("effects of the display's place have their leading forms: {error}"));
+            data
+        }
     }
 }
 

@@ -10,6 +10,16 @@ fn xy(data: &Dataset) -> (&[f64], &[f64]) {
     (data.values("x"), data.values("y"))
 }
 
+/// What a depth that grows with a power of the display's height does to a line of sight, over what it would do if the
+/// lenses were a pinhole near the axis; 1 where the lenses are not known.
+fn plane_gain(data: &Dataset, x: f64, y: f64, power: i32) -> f64 {
+    data.display.map_or(1.0, |rays| {
+        let r = data.half_tan * x.hypot(y);
+        let height = rays.height_over_tangent_mm(r) / rays.height_over_tangent_mm(0.0);
+        height.powi(power) * rays.tangent_per_depth(r) / rays.tangent_per_depth(0.0)
+    })
+}
+
 pub(super) fn tilt(data: &Dataset, turns: bool) -> Vec<Term<'_>> {
     let (x, y) = xy(data);
     [(1.0, 0.0), (0.0, 1.0)]
@@ -20,7 +30,8 @@ pub(super) fn tilt(data: &Dataset, turns: bool) -> Vec<Term<'_>> {
                 // Axes of the camera, in the facility's frame.
                 let (sin, cos) = if turns { data.roll_rad[data.mounting[i]].sin_cos() } else { (0.0, 1.0) };
                 let along = (a * cos - b * sin) * x[i] + (a * sin + b * cos) * y[i];
-                [along * x[i], along * y[i]]
+                let by = if turns { along } else { along * plane_gain(data, x[i], y[i], 1) };
+                [by * x[i], by * y[i]]
             })
         })
         .collect()
@@ -74,7 +85,7 @@ pub(super) fn bow(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     let (x, y) = xy(data);
     let with = move |g: fn(f64, f64) -> f64| {
         move |i: usize| {
-            let depth = g(x[i], y[i]);
+            let depth = g(x[i], y[i]) * plane_gain(data, x[i], y[i], 2);
             [depth * x[i], depth * y[i]]
         }
     };

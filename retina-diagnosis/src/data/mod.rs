@@ -18,6 +18,7 @@ pub use lens::{FittedLens, lens_of_fit};
 pub(crate) use phase::lambert_magnitude;
 pub use read::{Baseline, Source};
 pub(crate) use retina_geometry::ARCSEC_PER_RAD;
+use retina_geometry::DisplayRays;
 
 use retina_formats::{Channel, TableKind};
 
@@ -128,6 +129,8 @@ pub struct Dataset {
     pub(crate) roll_rad: Vec<f64>,
     /// Scale that makes covariates x and y about 1 at the camera's edge: tangent of half its width (points).
     pub(crate) half_tan: f64,
+    /// The chief rays at the display, where the lenses are known (points).
+    pub(crate) display: Option<DisplayRays>,
     /// One pixel of the screen in arcsec (points).
     pub(crate) screen_pixel_arcsec: f64,
     /// Fixed part of the model plus y, in the table's own units: what is needed to write predictions.
@@ -161,6 +164,14 @@ impl Dataset {
     /// Number of rows.
     pub fn len(&self) -> usize {
         self.order.len()
+    }
+
+    /// The same data of a facility whose lenses are known: effects of the display's place have the forms that its chief
+    /// rays give them, and come as tilts in degrees and sags in micrometres.
+    #[must_use]
+    pub fn with_display_rays(mut self, rays: DisplayRays) -> Self {
+        self.display = Some(rays);
+        self
     }
 
     /// Every n-th group, so that about `most` rows are left; `None` where there are no more than that.

@@ -1,0 +1,118 @@
+//! Structure of any shape, several kinds of noise, few exposures: what a table says beyond the catalogue.
+
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+mod common;
+
+use common::{ARCSEC, Campaign, Point, setup};
+use glam::DVec2;
+use retina_diagnosis::{AddedEffect, DiagnoseOptions, Diagnosis, Verdict, compare, diagnose, fit};
+use retina_geometry::DisplayRays;
+
+const OPTIONS: DiagnoseOptions = DiagnoseOptions { flips: 999, seed: 1 };
+
+fn nothing(p: &Point) -> DVec2 {
+    p.r
+}
+
+/// A square wave of 90 px of the screen, finer than any polynomial of the screens.
+fn wave(arcsec: f64) -> impl Fn(&Point) -> DVec2 {
+    move |p| {
+        let side = (p.screen_px.dot(DVec2::new(0.8, 0.6)) / 45.0).floor().rem_euclid(2.0);
+        p.r + DVec2::new(0.7, -0.7) * arcsec * ARCSEC * (2.0 * side - 1.0)
+    }
+}
+
+fn of(campaign: Campaign, effect: &dyn Fn(&Point) -> DVec2) -> Diagnosis {
+    diagnose(&campaign.data(&setup(), effect), &[], &OPTIONS)
+}
+
+#[test]
+fn a_fine_structure_is_unknown_and_the_noise_is_not_it() {
+    let found = of(Campaign::new(3), &wave(6.0));
+    assert_eq!(found.verdict, Verdict::Unknown);
+    assert!(found.unexplained.covariates.contains(&"x".to_owned()), "{:?}", found.unexplained);
+    assert!(found.unexplained.width_px.is_some_and(|width| width < 60.0), "{:?}", found.unexplained);
+    // 6 arcsec along a diagonal are 4.2 an axis; the neighbours' differences and the noise's 1.6 are less than both together.
+    assert!(found.noise.structured > 2.0, "{:?}", found.noise);
+}
+
+#[test]
+fn without_structure_a_table_is_adequate_and_says_what_it_would_have_seen() {
+    let found = of(Campaign::new(4), &nothing);
+    assert_eq!(found.verdict, Verdict::Adequate);
+    let [wavelength, amplitude] = found.unexplained.visible[2];
+    assert!(wavelength == 200.0 && (0.3..2.5).contains(&amplitude), "{:?}", found.unexplained.visible);
+    // Half as much again is found, a quarter is not.
+    let ripple = |size: f64| {
+        of(Campaign::new(4), &move |p: &Point| {
+            let t = std::f64::consts::TAU / wavelength * p.screen_px.dot(DVec2::new(0.6, 0.8));
+            p.r + DVec2::splat(std::f64::consts::FRAC_1_SQRT_2) * size * amplitude * ARCSEC * t.sin()
+        })
+    };
+    assert!(ripple(1.5).unexplained.p_value < 0.01 && ripple(0.25).unexplained.p_value > 0.01);
+}
+
+/// 1.5 arcsec and 0.3 of it more for faint points is 1.6 over all; the exposures' 0.45 beside it.
+#[test]
+fn the_noise_is_one_number_whatever_the_model() {
+    let data = Campaign::new(5).data(&setup(), &|p: &Point| p.r * (1.0 + 30.0 * ARCSEC * (p.f - 0.5)));
+    let coma = AddedEffect::read("flux_coma", &data).unwrap();
+    let all = [
+        compare(&data, &[]).noise.floor(),
+        compare(&data, std::slice::from_ref(&coma)).noise.floor(),
+        fit(&data, &[coma]).unwrap().noise.floor(),
+        diagnose(&data, &[], &OPTIONS).noise.floor(),
+    ];
+    assert!(all.iter().all(|noise| *noise == all[0]) && (all[0] / 1.7 - 1.0).abs() < 0.1, "{all:?}");
+}
+
+#[test]
+fn few_exposures_show_an_effect_and_few_rows_are_undecided() {
+    let few = |rows, exposures| Campaign { rows, exposures, ..Campaign::new(6) };
+    let tilted = |p: &Point| p.r / (1.0 + DVec2::new(2e-3, 0.0).dot(p.r));
+    let found = of(few(900, 3), &tilted);
+    // One roll of the camera does not tell these two apart.
+    assert!(
+        found.accepted.len() == 1 && ["screen_tilt", "camera_pointing"].contains(&found.accepted[0]),
+        "{:?} {:?}",
+        found.accepted,
+        found.notes
+    );
+    assert!(found.notes.iter().any(|note| note.contains("runs of rows")), "{:?}", found.notes);
+    let found = of(few(24, 3), &nothing);
+    assert_eq!(found.verdict, Verdict::Undecided, "{:?}", found.notes);
+    assert_eq!(found.next.unwrap().action, "repeat");
+}
+
+/// Points of an exposure share a smooth field that the next exposure does not have: with three exposures nothing tells it
+/// from the facility.
+#[test]
+fn air_in_few_exposures_is_undecided() {
+    let air = |p: &Point| {
+        let turn = DVec2::from_angle(2.4 * p.exposure as f64);
+        let t = p.screen_px / 70.0;
+        p.r + turn.rotate(DVec2::new(t.x.sin() + (0.7 * t.y).cos(), (1.3 * t.x).cos() - t.y.sin()))
+            * 3.0
+            * ARCSEC
+    };
+    let found = of(Campaign { rows: 1200, exposures: 3, ..Campaign::new(8) }, &air);
+    assert_eq!(found.verdict, Verdict::Undecided, "{:?} {:?}", found.accepted, found.noise);
+}
+
+/// A plane turned by 0.2 deg behind a pinhole: x' = x / (1 + tan(tilt) x), its +x side away from the lens. A camera that
+/// looks aside by 0.2 deg towards +x does the same, and one roll of it does not tell which it is.
+#[test]
+fn a_tilt_comes_in_degrees_with_its_side() {
+    let tan = 0.2f64.to_radians().tan();
+    let data = Campaign::new(9).data(&setup(), &|p: &Point| p.r / (1.0 + tan * p.r.x));
+    let pinhole = DisplayRays { height_mm: [50.0, 0.0, 0.0], tangent_per_depth: [-0.02, 0.0, 0.0] };
+    let found = diagnose(&data.with_display_rays(pinhole), &[], &OPTIONS);
+    let tilt = found.physical[0].as_ref().unwrap();
+    assert!(tilt.unit == "deg" && (tilt.value - 0.2).abs() < 3.0 * tilt.sigma + 0.005, "{tilt:?}");
+    let back = match found.accepted[0] {
+        "screen_tilt" => "its +x side by 0.2",
+        _ => "turn the camera's boresight by x -0.2",
+    };
+    assert!(tilt.remedy.contains(back), "{tilt:?}");
+}
