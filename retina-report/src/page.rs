@@ -5,11 +5,20 @@ use std::path::Path;
 
 use retina_files::{InputError, write_atomic};
 
-const STYLE: &str = "body{font:15px/1.5 sans-serif;max-width:1200px;margin:2em auto;padding:0 1em;color:#222;background:#fff}\
-    pre{background:#f6f6f6;padding:1em;overflow-x:auto}svg,img{max-width:100%;height:auto}\
-    table{border-collapse:collapse}th,td{padding:.2em .8em;border-bottom:1px solid #ddd;text-align:right}\
-    th:first-child,td:first-child{text-align:left}figcaption{color:#555;max-width:60em}figure{margin:1em 0}\
-    article+article{border-top:2px solid #ddd;margin-top:3em}";
+// Figures keep white paper in the dark: their inks are made for it.
+const STYLE: &str = ":root{--ink:#222;--paper:#fff;--shade:#f6f6f6;--line:#ddd;--faint:#555}\
+    @media(prefers-color-scheme:dark){:root{--ink:#ddd;--paper:#181818;--shade:#242424;--line:#444;--faint:#aaa}\
+    figure svg,figure img{background:#fff}}\
+    body{font:15px/1.5 sans-serif;max-width:1400px;margin:2em auto;padding:0 1em;color:var(--ink);background:var(--paper)}\
+    pre{background:var(--shade);padding:1em;overflow-x:auto}svg,img{max-width:100%;height:auto}\
+    .wide{overflow-x:auto}table{border-collapse:collapse}\
+    th,td{padding:.2em .8em;border-bottom:1px solid var(--line);text-align:right}\
+    th:first-child,td:first-child{text-align:left}figcaption{color:var(--faint);max-width:60em}figure{margin:1em 0}\
+    .card{border:1px solid var(--line);border-left:.5em solid #0072b2;background:var(--shade);padding:.6em 1em;margin:1em 0}\
+    .card h2{margin:.1em 0 .4em}.card dl{display:grid;grid-template-columns:max-content 1fr;gap:.2em 1em;margin:0}\
+    .card dt{color:var(--faint)}.card dd{margin:0}\
+    @media(max-width:600px){.card dl{display:block}.card dd{margin:0 0 .4em}}\
+    article+article{border-top:2px solid var(--line);margin-top:3em}";
 
 /// What stands around the part of a page that [`crate::join`] takes over.
 pub(crate) const BEGIN: &str = "<!-- retina.report/1 ";
@@ -45,6 +54,18 @@ impl Section {
         Self { body }
     }
 
+    /// What a reader in a hurry takes along: a heading, and short answers under their names. Answers that are empty are
+    /// left out.
+    #[must_use]
+    pub fn card(mut self, heading: &str, answers: &[(&str, String)]) -> Self {
+        let _ = writeln!(self.body, "<div class=\"card\"><h2>{}</h2><dl>", escape(heading));
+        for (name, answer) in answers.iter().filter(|(_, answer)| !answer.is_empty()) {
+            let _ = writeln!(self.body, "<dt>{}</dt><dd>{}</dd>", escape(name), escape(answer));
+        }
+        self.body.push_str("</dl></div>\n");
+        self
+    }
+
     /// A paragraph.
     #[must_use]
     pub fn text(mut self, text: &str) -> Self {
@@ -77,11 +98,15 @@ impl Section {
         let cells = |tag: &str, cells: &mut dyn Iterator<Item = &str>| -> String {
             cells.map(|cell| format!("<{tag}>{}</{tag}>", escape(cell))).collect()
         };
-        let _ = writeln!(self.body, "<table>\n<tr>{}</tr>", cells("th", &mut headings.iter().copied()));
+        let _ = writeln!(
+            self.body,
+            "<div class=\"wide\"><table>\n<tr>{}</tr>",
+            cells("th", &mut headings.iter().copied())
+        );
         for row in rows {
             let _ = writeln!(self.body, "<tr>{}</tr>", cells("td", &mut row.iter().map(String::as_str)));
         }
-        self.body.push_str("</table>\n");
+        self.body.push_str("</table></div>\n");
         self
     }
 
@@ -146,7 +171,7 @@ pub(crate) fn write_page(path: &Path, html: &str) -> Result<(), InputError> {
 /// A whole document about `body`.
 pub(crate) fn document(title: &str, body: &str) -> String {
     format!(
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{}</title>\n<style>{STYLE}</style></head>\
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>{}</title>\n<style>{STYLE}</style></head>\
          <body>\n{body}\n</body></html>\n",
         escape(title)
     )

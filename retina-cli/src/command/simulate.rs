@@ -147,7 +147,7 @@ pub(crate) struct PowerArguments {
     /// Sides of the lit squares, px, separated by commas. 0 is a dark reading.
     #[arg(long, value_delimiter = ',', default_values_t = [0, 50, 100, 200, 600])]
     squares: Vec<u32>,
-    /// Number of times that the whole set is measured. A diagnosis needs eight or more.
+    /// Number of times that the whole set is measured. Three show most effects, ten show more.
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..=1000))]
     series: u16,
 }

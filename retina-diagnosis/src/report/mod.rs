@@ -15,6 +15,7 @@ use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
 use crate::figure::figure_svg;
 use crate::fit::Fit;
+use crate::headline::headline;
 use crate::output::{compare_text, diagnose_text, fit_text, implausible_text};
 use crate::step::Step;
 
@@ -86,10 +87,10 @@ pub fn diagnose_page(data: &Dataset, added: &[AddedEffect], result: &Diagnosis, 
         })
         .collect();
     let mut page = Page::new("diagnose", &title(&format!("Diagnosis: {}", result.verdict.name()), added))
-        .section(Section::new("").lines(&diagnose_text(data, result)))
+        .section(Section::new("").card(&headline(data, result), &answers(data, result)))
         .section(Section::new("The error of groups left out").figure(
             &ladder_svg(&steps, result.noise.floor(), data.kind.unit()),
-            "Per component, weighted by the last model's noise, as effects are added; below the dashed line nothing but noise is left.",
+            "Per component, weighted by the last model's noise, as effects are added. The dashed line is the noise, told apart from the model.",
         ))
         .section(Section::new("Errors before anything is added").figure(&figure_svg(data, added), ""));
     for shape in shapes {
@@ -101,9 +102,42 @@ pub fn diagnose_page(data: &Dataset, added: &[AddedEffect], result: &Diagnosis, 
         );
     }
     let error = format!("left out ({})", data.kind.unit());
-    page =
-        page.section(Section::new("Candidates").table(&["effect", "p", &error, "parameters"], &candidates));
+    page = page
+        .section(Section::new("Candidates").table(&["effect", "p", &error, "parameters"], &candidates))
+        .section(Section::new("In full").lines(&diagnose_text(data, result)));
     with_files(page, data)
+}
+
+/// What was found, how sure it is, and what to do.
+fn answers(data: &Dataset, result: &Diagnosis) -> Vec<(&'static str, String)> {
+    let unit = data.kind.unit();
+    let mut out = vec![("Verdict", result.verdict.name().to_owned())];
+    for (own, physical) in result.accepted.iter().zip(&result.physical) {
+        let p_value = result.candidates.iter().find(|c| c.effect == *own).map_or(1.0, |c| c.p_value);
+        let sure = format!("{}: p = {p_value:.4}", own.replace('_', " "));
+        match physical {
+            Some(physical) => {
+                let name = physical.parameter.replace('_', " ");
+                let quantity =
+                    format!("{name} {:.4} +- {:.4} {}", physical.value, physical.sigma, physical.unit);
+                out.push(("Found", format!("{sure}, {quantity}")));
+                out.push(("What to do", physical.remedy.clone()));
+            }
+            None => out.push(("Found", sure)),
+        }
+    }
+    if let [first, .., last] = result.steps.as_slice() {
+        let (before, after) = (first.heldout_rms, last.heldout_rms);
+        out.push(("Error left out", format!("{before:.4} {unit} before, {after:.4} {unit} after")));
+    }
+    out.push((
+        "Noise",
+        format!("{:.4} {unit} (from {})", result.noise.floor(), result.noise.source.join(", ")),
+    ));
+    if let Some(next) = &result.next {
+        out.push(("Measure next", format!("{} ({})", next.action.replace('_', " "), next.value)));
+    }
+    out
 }
 
 /// What was fitted, and what it leaves.
@@ -137,7 +171,7 @@ pub fn fit_page(data: &Dataset, added: &[AddedEffect], result: &Fit) -> Page {
     let page = Page::new("fit", &title("Fit", added))
         .section(Section::new("The error of groups left out").figure(
             &ladder_svg(&steps, result.noise.floor(), data.kind.unit()),
-            "Per component, weighted by the last model's noise, as effects are added; below the dashed line nothing but noise is left.",
+            "Per component, weighted by the last model's noise, as effects are added. The dashed line is the noise, told apart from the model.",
         ))
         .section(Section::new("Before").figure(&figure_svg(data, &[]), "What the baseline alone leaves."))
         .section(Section::new("After").figure(&figure_svg(data, added), "What is left with the effects."))
