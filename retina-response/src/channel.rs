@@ -263,6 +263,9 @@ fn refuse_late(readings: &[Reading], fit: &Fit, sigma: &[f64], at: At<'_>) -> Re
     Ok(())
 }
 
+/// Standard deviations from which on a fall-off across the largest square is kept.
+const FALL_OFF_SIGMAS: f64 = 3.0;
+
 /// The power law with its readings' sigmas: stated ones, or those that the noise of a flexible fit gives.
 fn power_law(
     readings: &[Reading],
@@ -316,6 +319,14 @@ fn power_law(
             sigma.iter_mut().for_each(|s| *s *= scale);
             fit = fit.refine(readings, &sigma)?;
         }
+    }
+    // A fall-off that does not show is none: it would only widen what else is told.
+    let shows = fit
+        .fall_off_index()
+        .is_none_or(|i| fit.fall_off.abs() > FALL_OFF_SIGMAS * fit.covariance[i][i].sqrt());
+    if !shows {
+        let constants = Constants { fall_off: false, ..fit.constants };
+        fit = fit.with_constants(constants).refine(readings, &sigma)?;
     }
     Some((fit, sigma, noise))
 }
