@@ -74,8 +74,8 @@ pub(crate) fn shared(frame: &Frame<'_>, seed: u64) -> Vec<Shared> {
     out
 }
 
-/// For ripples of some widths: the amplitude that would have been found with 95 %.
-pub(crate) fn power(frame: &Frame<'_>, wavelengths_px: &[f64]) -> Vec<(f64, f64)> {
+/// For ripples of some widths: the amplitude that would have been found with 95 %, and beyond `floor` of the noise.
+pub(crate) fn power(frame: &Frame<'_>, wavelengths_px: &[f64], floor: f64) -> Vec<(f64, f64)> {
     let data = frame.data;
     if data.components() != 2 || data.screen_pixel_arcsec <= 0.0 {
         return Vec::new();
@@ -108,21 +108,28 @@ pub(crate) fn power(frame: &Frame<'_>, wavelengths_px: &[f64]) -> Vec<(f64, f64)
         .map(|(&wavelength, ripple)| {
             let patterns: Vec<Cells> = own.iter().map(|s| s.cells.clone()).collect();
             let of_ripple = of_patterns(frame, &ripple, patterns, 0.0);
-            // With an amplitude a the sum grows by a^2 T_ripple; its own scatter grows by little.
-            let best =
-                own.iter().zip(&of_ripple).map(|(own, ripple)| ripple.total / own.sigma).fold(0.0, f64::max);
-            (wavelength, if best > 0.0 { (needed / best).sqrt() } else { f64::INFINITY })
+            // With an amplitude a the sum grows by a^2 T_ripple; its own scatter grows by little. The sum has to be
+            // significant, and its part of the noise above the floor.
+            let amplitude = |own: &Statistic, ripple: &Statistic| {
+                let noticed = floor * floor * data.components() as f64 * own.pairs + NINETY_FIVE * own.sigma;
+                (noticed.max(needed * own.sigma) / ripple.total.max(f64::MIN_POSITIVE)).sqrt()
+            };
+            let least = own.iter().zip(&of_ripple).map(|(own, ripple)| amplitude(own, ripple));
+            (wavelength, least.fold(f64::INFINITY, f64::min))
         })
         .collect()
 }
 
-/// Deviate that the largest of the patterns has to have, and 1.645 more, which is 95 % power.
+/// Deviate below which a normal error lies with 95 %.
+const NINETY_FIVE: f64 = 1.645;
+
+/// Deviate that the largest of the patterns has to have, and as much more as 95 % power takes.
 fn deviate_needed(statistics: &[Statistic]) -> f64 {
     let draws = drawn(statistics, 1);
     let mut highest: Vec<f64> =
         draws.iter().map(|draw| draw.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();
     highest.sort_by(f64::total_cmp);
-    highest[((highest.len() - 1) as f64 * 0.995).round() as usize] + 1.645
+    highest[((highest.len() - 1) as f64 * 0.995).round() as usize] + NINETY_FIVE
 }
 
 fn of_patterns(frame: &Frame<'_>, error: &[f64], patterns: Vec<Cells>, fewest: f64) -> Vec<Statistic> {

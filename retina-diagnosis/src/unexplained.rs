@@ -60,7 +60,8 @@ pub(crate) fn unexplained(
     let components = frame.components();
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|&a, &b| all[b].score.deviate().total_cmp(&all[a].score.deviate()));
-    let least_shared = shared.first().map_or(1.0, |shared| of_two(shared.p_value));
+    let counts = |shared: &&Shared| shared.strength >= FLOOR_SHARED;
+    let least_shared = shared.iter().find(counts).map_or(1.0, |shared| of_two(shared.p_value));
     let p_value = order.first().map_or(1.0, |&i| p[i]).min(least_shared);
     let mut width_px = None;
     let mut covariates: Vec<String> = Vec::new();
@@ -95,7 +96,8 @@ pub(crate) fn unexplained(
         .filter(|s| covariates.is_empty() && of_two(s.p_value) <= level)
         .max_by(|a, b| a.strength.total_cmp(&b.strength))
         .map(|s| Weak { covariates: s.covariates.clone(), width_px: s.width_px, strength: s.strength });
-    let visible = power(&frame, &WAVELENGTHS_PX).into_iter().map(|(width, size)| [width, size]).collect();
+    let visible =
+        power(&frame, &WAVELENGTHS_PX, FLOOR_SHARED).into_iter().map(|(width, size)| [width, size]).collect();
     Unexplained { p_value, covariates, width_px, visible, weak }
 }
 
