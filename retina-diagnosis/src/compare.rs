@@ -72,7 +72,7 @@ pub struct Comparison {
 
 /// Compares baseline and added effects with the data.
 pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
-    let scatter = if data.pixels().is_none() { Some(noise(data)) } else { None };
+    let scatter = noise(data);
     let fitted_part = data.fitted_part();
     let data = fitted_part.as_ref().unwrap_or(data);
     let screened_part = data.thinned(MOST_ROWS);
@@ -121,11 +121,7 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
         saturated: data.saturated,
         rms: fit.weights.rms(n, &fit.residual),
         rms_unweighted: fit.weights.rms_unweighted(n, &fit.residual),
-        noise: match scatter {
-            Some(noise) => noise,
-            None => crate::neighbours::noise(data, &fit),
-        }
-        .beside(fit.weights.floor()),
+        noise: Noise::beside(scatter, data, &fit),
         jitter: fit.weights.jitter_variance.sqrt(),
         percentiles,
         fraction_within_10_arcsec: (data.kind == TableKind::Points).then_some(within),

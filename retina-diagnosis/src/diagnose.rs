@@ -119,7 +119,7 @@ fn search(
     later: bool,
 ) -> Diagnosis {
     let thinned = data.thinned(MOST_ROWS);
-    let scatter = if data.pixels().is_none() { Some(noise(data)) } else { None };
+    let scatter = noise(data);
     let data = thinned.as_ref().unwrap_or(data);
     let mut notes = data.notes.clone();
     let (prepared, not_testable) = prepare(data, added);
@@ -147,11 +147,7 @@ fn search(
         ));
         found.take_out(idle, &baseline);
     };
-    let noise = match scatter {
-        Some(noise) => noise,
-        None => crate::neighbours::noise(data, &fit),
-    }
-    .beside(fit.weights.floor());
+    let noise = Noise::beside(scatter, data, &fit);
     let frame = Frame::weighted(data, &found.base, fit.weights);
     let levels = [found.level(LEVEL_FIRST[1], LEVEL_LATER[1]), LEVEL_LATER[1]];
     let unexplained = unexplained(data, found.base.clone(), levels, FLOOR_NOISE, &flips);

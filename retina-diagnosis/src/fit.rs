@@ -65,8 +65,7 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
     crate::added::check_effects(data, added)?;
     let Adjusted { data: shifted, base, names, owner, shape, start, user_values } = adjusted(data, added);
     let robust = robust_fit(&shifted, &base);
-    let scatter =
-        if data.pixels().is_none() { noise(whole) } else { crate::neighbours::noise(&shifted, &robust) };
+    let noise = Noise::beside(noise(whole), &shifted, &robust);
     let estimate = estimate(&shifted, &base, &robust.weights);
     let n = names.len();
     let sigma: Vec<f64> = (0..n).map(|i| estimate.covariance[i][i].sqrt()).collect();
@@ -141,7 +140,7 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
         rms: robust.weights.rms(data.components(), &residual),
         rms_unweighted: robust.weights.rms_unweighted(data.components(), &residual),
         heldout_rms: steps[added.len()].heldout_rms,
-        noise: scatter.beside(robust.weights.floor()),
+        noise,
         steps,
         outliers: robust.weights.outlier.iter().filter(|out| **out).count(),
         notes,

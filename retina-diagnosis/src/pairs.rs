@@ -53,15 +53,27 @@ struct Statistic {
     pairs: f64,
 }
 
-/// The test of what a frame's base leaves, most significant first.
-pub(crate) fn shared(frame: &Frame<'_>, seed: u64) -> Vec<Shared> {
-    let Some(error) = frame.free_of_field(&[]).pop() else { return Vec::new() };
-    let statistics = of_patterns(frame, &error, cells(frame.data), FEWEST_PAIRS);
-    let n = frame.data.components() as f64;
-    let p = p_values(&statistics, seed);
-    let mut out: Vec<Shared> = statistics
+/// The test of what a frame's base leaves.
+pub(crate) struct Look {
+    /// Structure, most significant first.
+    pub(crate) shared: Vec<Shared>,
+    /// For each ripple's wavelength (px of the screen) the amplitude that would have been found with 95 %.
+    pub(crate) visible: Vec<[f64; 2]>,
+}
+
+/// Looks at neighbours. Ripples of `wavelengths_px` count as visible from `floor` of the noise on.
+pub(crate) fn look(frame: &Frame<'_>, seed: u64, wavelengths_px: &[f64], floor: f64) -> Look {
+    let data = frame.data;
+    let waves: &[f64] = if data.components() == 2 { wavelengths_px } else { &[] };
+    let ripples: Vec<Vec<f64>> = waves.iter().map(|wavelength| ripple(data, *wavelength)).collect();
+    let mut free = frame.free_of_field(&ripples).into_iter();
+    let error = free.next().unwrap_or_default();
+    let own = of_patterns(frame, &error, cells(data), FEWEST_PAIRS);
+    let draws = drawn(&own, seed);
+    let n = data.components() as f64;
+    let mut shared: Vec<Shared> = own
         .iter()
-        .zip(p)
+        .zip(p_values(&own, &draws))
         .map(|(s, p_value)| Shared {
             covariates: s.cells.covariates.clone(),
             width_px: s.cells.width_px,
@@ -70,53 +82,33 @@ pub(crate) fn shared(frame: &Frame<'_>, seed: u64) -> Vec<Shared> {
             deviate: s.total / s.sigma,
         })
         .collect();
-    out.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.deviate.total_cmp(&a.deviate)));
-    out
-}
-
-/// For ripples of some widths: the amplitude that would have been found with 95 %, and beyond `floor` of the noise.
-pub(crate) fn power(frame: &Frame<'_>, wavelengths_px: &[f64], floor: f64) -> Vec<(f64, f64)> {
-    let data = frame.data;
-    if data.components() != 2 || data.screen_pixel_arcsec <= 0.0 {
-        return Vec::new();
-    }
-    let of_px = data.screen_pixel_arcsec / retina_geometry::ARCSEC_PER_RAD / data.half_tan;
-    let (x, y) = (data.values("x"), data.values("y"));
-    let ripples: Vec<Vec<f64>> = wavelengths_px
+    shared.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.deviate.total_cmp(&a.deviate)));
+    let needed = deviate_needed(&draws);
+    let visible = waves
         .iter()
-        .map(|&wavelength| {
-            let k = std::f64::consts::TAU / (wavelength * of_px);
-            // A ripple along a diagonal: neither stripes of x nor of y favour it.
-            (0..data.len())
-                .flat_map(|row| {
-                    let wave = (k * (0.6 * x[row] + 0.8 * y[row])).sin();
-                    [wave * std::f64::consts::FRAC_1_SQRT_2; 2]
-                })
-                .collect()
-        })
-        .collect();
-    let mut whitened = frame.free_of_field(&ripples).into_iter();
-    let own =
-        whitened.next().map_or_else(Vec::new, |error| of_patterns(frame, &error, cells(data), FEWEST_PAIRS));
-    if own.is_empty() {
-        return Vec::new();
-    }
-    let needed = deviate_needed(&own);
-    wavelengths_px
-        .iter()
-        .zip(whitened)
+        .zip(free)
         .map(|(&wavelength, ripple)| {
             let patterns: Vec<Cells> = own.iter().map(|s| s.cells.clone()).collect();
-            let of_ripple = of_patterns(frame, &ripple, patterns, 0.0);
             // With an amplitude a the sum grows by a^2 T_ripple; its own scatter grows by little. The sum has to be
             // significant, and its part of the noise above the floor.
-            let amplitude = |own: &Statistic, ripple: &Statistic| {
-                let noticed = floor * floor * data.components() as f64 * own.pairs + NINETY_FIVE * own.sigma;
+            let amplitude = |(own, ripple): (&Statistic, &Statistic)| {
+                let noticed = floor * floor * n * own.pairs + NINETY_FIVE * own.sigma;
                 (noticed.max(needed * own.sigma) / ripple.total.max(f64::MIN_POSITIVE)).sqrt()
             };
-            let least = own.iter().zip(&of_ripple).map(|(own, ripple)| amplitude(own, ripple));
-            (wavelength, least.fold(f64::INFINITY, f64::min))
+            let of_ripple = of_patterns(frame, &ripple, patterns, 0.0);
+            [wavelength, own.iter().zip(&of_ripple).map(amplitude).fold(f64::INFINITY, f64::min)]
         })
+        .collect();
+    Look { shared, visible }
+}
+
+/// A ripple of amplitude 1 over the rows, along a diagonal: neither stripes of x nor of y favour it.
+fn ripple(data: &Dataset, wavelength_px: f64) -> Vec<f64> {
+    let of_px = data.screen_pixel_arcsec / retina_geometry::ARCSEC_PER_RAD / data.half_tan;
+    let k = std::f64::consts::TAU / (wavelength_px * of_px);
+    let (x, y) = (data.values("x"), data.values("y"));
+    (0..data.len())
+        .flat_map(|row| [(k * (0.6 * x[row] + 0.8 * y[row])).sin() * std::f64::consts::FRAC_1_SQRT_2; 2])
         .collect()
 }
 
@@ -124,8 +116,7 @@ pub(crate) fn power(frame: &Frame<'_>, wavelengths_px: &[f64], floor: f64) -> Ve
 const NINETY_FIVE: f64 = 1.645;
 
 /// Deviate that the largest of the patterns has to have, and as much more as 95 % power takes.
-fn deviate_needed(statistics: &[Statistic]) -> f64 {
-    let draws = drawn(statistics, 1);
+fn deviate_needed(draws: &[Vec<f64>]) -> f64 {
     let mut highest: Vec<f64> =
         draws.iter().map(|draw| draw.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();
     highest.sort_by(f64::total_cmp);
@@ -238,8 +229,7 @@ fn drawn(statistics: &[Statistic], seed: u64) -> Vec<Vec<f64>> {
     (0..DRAWS).map(|draw| by_pattern.iter().map(|own| own[draw]).collect()).collect()
 }
 
-fn p_values(statistics: &[Statistic], seed: u64) -> Vec<f64> {
-    let draws = drawn(statistics, seed);
+fn p_values(statistics: &[Statistic], draws: &[Vec<f64>]) -> Vec<f64> {
     // Few cells have heavier tails than many: each pattern is measured on the scale of its own draws.
     let scales: Vec<(f64, f64)> = (0..statistics.len())
         .map(|k| {

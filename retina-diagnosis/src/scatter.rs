@@ -13,7 +13,8 @@ use retina_formats::TableKind;
 
 use crate::data::{Baseline, Dataset};
 use crate::flips::Flips;
-use crate::noise::{Weights, robust_fit};
+use crate::neighbours;
+use crate::noise::{RobustFit, Weights, robust_fit};
 use crate::score::Frame;
 use crate::screens::{columns_of, screen_p_values, screens};
 use crate::units::flip_of;
@@ -62,15 +63,20 @@ impl Noise {
         data.flip = flip_of(data, self);
     }
 
-    /// The same with what a model leaves: `rms` for an unseen group.
-    pub(crate) fn beside(&self, rms: f64) -> Self {
-        let structured = (rms * rms - self.floor().powi(2)).max(0.0).sqrt();
-        Self { structured, ..self.clone() }
+    /// The noise of a table where it is `known`, else that of the fit's pixels; with what the fit leaves beyond it.
+    pub(crate) fn beside(known: Option<Self>, data: &Dataset, fit: &RobustFit) -> Self {
+        let noise = known.unwrap_or_else(|| neighbours::noise(data, fit));
+        let rms = fit.weights.floor();
+        let structured = (rms * rms - noise.floor().powi(2)).max(0.0).sqrt();
+        Self { structured, ..noise }
     }
 }
 
-/// The noise of a table. `structured` is 0: it is a model's.
-pub(crate) fn noise(data: &Dataset) -> Noise {
+/// The noise of a table, or `None` of pixels, whose noise a fit tells. `structured` is 0: it is a model's.
+pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
+    if data.pixels().is_some() {
+        return None;
+    }
     let thinned = data.thinned(MOST_ROWS);
     let data = thinned.as_ref().unwrap_or(data);
     let mut columns = flexible(data);
@@ -128,7 +134,7 @@ pub(crate) fn noise(data: &Dataset) -> Noise {
     if let Some(stated) = stated(data, weights) {
         source.push(format!("the table states {stated:.4} {}", data.kind.unit()));
     }
-    Noise { white: white2.sqrt(), group: group2.sqrt(), structured: 0.0, source, shared_within, wander }
+    Some(Noise { white: white2.sqrt(), group: group2.sqrt(), structured: 0.0, source, shared_within, wander })
 }
 
 /// What the table states on the rows that count: root of the mean variance.

@@ -2,7 +2,7 @@
 
 use crate::data::Dataset;
 use crate::flips::{Flips, p_values};
-use crate::pairs::{Shared, power, shared};
+use crate::pairs::{Look, Shared, look};
 use crate::score::Frame;
 use crate::screens::{columns_of, screen_p_values, screens};
 
@@ -56,7 +56,7 @@ pub(crate) fn unexplained(
     // Two tests, the smaller p-value of which counts: it is corrected for their number (Z. Sidak, JASA 62, 1967).
     let of_two = |p: f64| 1.0 - (1.0 - p).powi(2);
     let p: Vec<f64> = screen_p_values(&all, flips).into_iter().map(of_two).collect();
-    let shared = shared(&frame, PAIRS_SEED);
+    let Look { shared, visible } = look(&frame, PAIRS_SEED, &WAVELENGTHS_PX, FLOOR_SHARED);
     let components = frame.components();
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|&a, &b| all[b].score.deviate().total_cmp(&all[a].score.deviate()));
@@ -96,8 +96,6 @@ pub(crate) fn unexplained(
         .filter(|s| covariates.is_empty() && of_two(s.p_value) <= level)
         .max_by(|a, b| a.strength.total_cmp(&b.strength))
         .map(|s| Weak { covariates: s.covariates.clone(), width_px: s.width_px, strength: s.strength });
-    let visible =
-        power(&frame, &WAVELENGTHS_PX, FLOOR_SHARED).into_iter().map(|(width, size)| [width, size]).collect();
     Unexplained { p_value, covariates, width_px, visible, weak }
 }
 

@@ -240,35 +240,16 @@ pub fn display_rays(setup: &Setup, half_tan: f64) -> Result<DisplayRays, BenchEr
     }
     // Even polynomials of second order, by least squares.
     let fitted = |value: usize| {
-        let mut normal = [[0.0; 4]; 3];
+        let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
         for sample in &samples {
-            let row = [1.0, sample[0].powi(2), sample[0].powi(4)];
-            for i in 0..3 {
-                for j in 0..3 {
-                    normal[i][j] += row[i] * row[j];
-                }
-                normal[i][3] += row[i] * sample[value];
-            }
+            let row = DVec3::new(1.0, sample[0].powi(2), sample[0].powi(4));
+            normal += DMat3::from_cols(row * row.x, row * row.y, row * row.z);
+            right += row * sample[value];
         }
         // Of parts of the largest field so far.
         let h2 = half_tan * half_tan;
-        let [a, b, c] = solved(normal);
+        let [a, b, c] = (normal.inverse() * right).to_array();
         [a, b / h2, c / (h2 * h2)]
     };
     Ok(DisplayRays { height_mm: fitted(1), tangent_per_depth: fitted(2) })
-}
-
-/// Gauss' elimination of three equations, their diagonals not 0.
-fn solved(mut a: [[f64; 4]; 3]) -> [f64; 3] {
-    for k in 0..3 {
-        for i in 0..3 {
-            if i != k {
-                let by = a[i][k] / a[k][k];
-                for j in k..4 {
-                    a[i][j] -= by * a[k][j];
-                }
-            }
-        }
-    }
-    [0, 1, 2].map(|k| a[k][3] / a[k][k])
 }
