@@ -8,6 +8,7 @@ use retina_formats::FramesEffect;
 use crate::FrameSet;
 use crate::form::{Form, catalogue};
 use crate::model::{Part, State};
+use crate::predicted::Predicted;
 use crate::solve::{self, Parameter};
 
 /// A form that would have to be what it cannot be counts only where no other does.
@@ -19,7 +20,7 @@ const TURNS: usize = 6;
 
 /// A state with what its forms are judged by.
 struct Judged {
-    state: State,
+    predicted: Predicted,
     /// Weighted squares of tiles left out.
     left_out: f64,
 }
@@ -47,8 +48,8 @@ impl FrameSet {
         let values = within(&form, values);
         state.parts.push(Part { id, form, values });
         let parameters = self.parameters(&state);
-        self.state = solve::fit(&self.sights, &self.rows, state, &parameters);
-        self.settle();
+        let fitted = solve::fit(self.view(), Predicted::of(self.view(), state), &parameters);
+        self.state = self.settled(fitted);
         self.history.push((format!("+ {}", id.name()), self.state.clone()));
         Ok(())
     }
@@ -72,16 +73,15 @@ impl FrameSet {
 
     /// The form whose columns leave least beside the present parameters, with its amplitudes.
     fn first_look(&self, id: FramesEffect, forms: Vec<Form>) -> Option<(Form, Vec<f64>)> {
-        let at = solve::predict(&self.sights, &self.rows, &self.state);
-        let lights = solve::lights(&self.sights, &self.state);
+        let now = Predicted::of(self.view(), self.state.clone());
         let parameters = self.parameters(&self.state);
-        let base = self.tangents(&self.state, &at, &parameters);
-        let error: Vec<f64> = self.rows.measured.iter().zip(&at).map(|(m, p)| m - p).collect();
-        let weight = self.weights(&self.state, &error, parameters.len());
+        let base = now.tangents(self.view(), &parameters);
+        let error = now.error(self.view());
+        let weight = self.weights(&now, &error, parameters.len());
         let mut best: Option<(f64, Form, Vec<f64>)> = None;
         for form in forms {
             let mut columns = base.clone();
-            columns.extend(self.columns(id, &form, &lights, &at).into_iter().map(|column| column.values));
+            columns.extend(self.columns(id, &form, &now).into_iter().map(|column| column.values));
             let Some(found) = solve::solved(&columns, &error, &weight, 0.0) else { continue };
             let left = solve::squares_left(&columns, &found, &error, &weight);
             let values = found[base.len()..].to_vec();
@@ -95,11 +95,11 @@ impl FrameSet {
 
     /// Chooses the forms of all parts by the error of tiles left out, each beside the others as they are, until none
     /// changes.
-    fn settle(&mut self) {
+    fn settled(&self, start: Predicted) -> State {
         let all = catalogue(&self.abilities());
-        let others: Vec<(usize, Vec<Form>)> = (0..self.state.parts.len())
+        let others: Vec<(usize, Vec<Form>)> = (0..start.state.parts.len())
             .filter_map(|k| {
-                let (_, forms) = all.iter().find(|(id, _)| *id == self.state.parts[k].id)?;
+                let (_, forms) = all.iter().find(|(id, _)| *id == start.state.parts[k].id)?;
                 // Forms that differ in where they are looked for first alone are one.
                 let mut distinct: Vec<Form> = Vec::new();
                 for form in forms.as_ref().ok()? {
@@ -111,37 +111,41 @@ impl FrameSet {
             })
             .collect();
         if others.is_empty() {
-            return;
+            return start.state;
         }
-        let error = self.error(&self.state);
-        let weight = self.weights(&self.state, &error, self.parameters(&self.state).len());
-        let mut now = self.judged(self.state.clone(), &weight);
+        let error = start.error(self.view());
+        let weight = self.weights(&start, &error, self.parameters(&start.state).len());
+        let mut now = self.judged(start, &weight);
         for _ in 0..TURNS {
-            let Some(trial) = self.likeliest(&now.state, &others, &weight) else { break };
-            let parameters = self.parameters(&trial);
-            let then = self.judged(solve::fit(&self.sights, &self.rows, trial, &parameters), &weight);
+            let Some(trial) = self.likeliest(&now.predicted, &others, &weight) else { break };
+            let parameters = self.parameters(&trial.state);
+            let then = self.judged(solve::fit(self.view(), trial, &parameters), &weight);
             if then.left_out > (1.0 - BETTER) * now.left_out {
                 break;
             }
             now = then;
         }
-        self.state = now.state;
+        now.predicted.state
     }
 
     /// The state with one form changed that promises most by a step along the tangents; `None` where none promises
     /// anything.
-    fn likeliest(&self, state: &State, others: &[(usize, Vec<Form>)], weight: &[f64]) -> Option<State> {
-        let at = solve::predict(&self.sights, &self.rows, state);
+    fn likeliest(
+        &self,
+        now: &Predicted,
+        others: &[(usize, Vec<Form>)],
+        weight: &[f64],
+    ) -> Option<Predicted> {
+        let (view, state) = (self.view(), &now.state);
         let parameters = self.parameters(state);
-        let tangents = self.tangents(state, &at, &parameters);
+        let tangents = now.tangents(view, &parameters);
         let mut best: Option<(f64, State)> = None;
         let mut consider = |left_out: f64, state: State| {
             if best.as_ref().is_none_or(|(least, _)| left_out < *least) {
                 best = Some((left_out, state));
             }
         };
-        let error = self.error(state);
-        let (_, present) = solve::held_out(&self.rows, &tangents, &error, weight)?;
+        let (_, present) = solve::held_out(&self.rows, &tangents, &now.error(view), weight)?;
         for (k, forms) in others {
             for form in forms.iter().filter(|form| form.change != state.parts[*k].form.change) {
                 let mut trial = state.clone();
@@ -149,17 +153,16 @@ impl FrameSet {
                 if form.change.names().len() != state.parts[*k].values.len() {
                     continue;
                 }
-                let there = solve::predict(&self.sights, &self.rows, &trial);
-                let error: Vec<f64> = self.rows.measured.iter().zip(&there).map(|(m, p)| m - p).collect();
+                let there = now.beside(view, trial);
                 let mut columns = tangents.clone();
                 for (column, parameter) in columns.iter_mut().zip(&parameters) {
                     if matches!(parameter, Parameter::Part(part, _) if part == k) {
-                        *column = solve::tangent(&self.sights, &self.rows, &trial, &there, *parameter);
+                        *column = there.tangent(view, *parameter);
                     }
                 }
-                let Some((step, left_out)) = solve::held_out(&self.rows, &columns, &error, weight) else {
-                    continue;
-                };
+                let found = solve::held_out(&self.rows, &columns, &there.error(view), weight);
+                let Some((step, left_out)) = found else { continue };
+                let mut trial = there.state;
                 let mut values = trial.parts[*k].values.clone();
                 for (parameter, by) in parameters.iter().zip(&step) {
                     if let Parameter::Part(part, i) = parameter
@@ -175,24 +178,17 @@ impl FrameSet {
                 }
             }
         }
-        best.map(|(_, state)| state)
+        best.map(|(_, state)| now.beside(view, state))
     }
 
-    fn judged(&self, state: State, weight: &[f64]) -> Judged {
-        let at = solve::predict(&self.sights, &self.rows, &state);
-        let tangents = self.tangents(&state, &at, &self.parameters(&state));
-        let error: Vec<f64> = self.rows.measured.iter().zip(&at).map(|(m, p)| m - p).collect();
-        let left_out = solve::held_out(&self.rows, &tangents, &error, weight);
-        Judged { state, left_out: left_out.map_or(f64::INFINITY, |(_, left_out)| left_out) }
+    fn judged(&self, predicted: Predicted, weight: &[f64]) -> Judged {
+        let tangents = predicted.tangents(self.view(), &self.parameters(&predicted.state));
+        let left_out = solve::held_out(&self.rows, &tangents, &predicted.error(self.view()), weight);
+        Judged { predicted, left_out: left_out.map_or(f64::INFINITY, |(_, left_out)| left_out) }
     }
 
-    fn error(&self, state: &State) -> Vec<f64> {
-        let at = solve::predict(&self.sights, &self.rows, state);
-        self.rows.measured.iter().zip(&at).map(|(m, p)| m - p).collect()
-    }
-
-    fn weights(&self, state: &State, error: &[f64], fitted: usize) -> Vec<f64> {
-        let key = self.rows.noise_key(&self.sights, state);
+    fn weights(&self, predicted: &Predicted, error: &[f64], fitted: usize) -> Vec<f64> {
+        let key = self.rows.noise_key(&self.sights, predicted);
         solve::counted(&self.rows, &key, error, fitted).weight
     }
 }

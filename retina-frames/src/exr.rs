@@ -10,7 +10,7 @@ use retina_geometry::{Distortion, Pinhole, Setup};
 use retina_radiometry::{Lambert, PhaseFunction, Photometry};
 
 use crate::grid::Grid;
-use crate::layers::{Layers, angles};
+use crate::layers::{Layers, Ratios, angles};
 use crate::window::{Pose, Window};
 
 /// An EXR with what its pixels are.
@@ -141,6 +141,6 @@ impl ExrOrigin {
             angles(inside.each_ref().map(|layer| &layer.values[..]), &coverage.values)
         });
         let law = angles.as_ref().map(|_| Photometry::new(Lambert, PhaseFunction::CONSTANT, Some(1.0)));
-        Layers { light, coverage, angles, law, place_rad: None, map: None, mesh: None }
+        Layers { light, coverage, angles, law, place_rad: None, map: None, mesh: None, ratios: Ratios::default() }
     }
 }

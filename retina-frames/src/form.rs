@@ -120,17 +120,35 @@ impl Change {
         }
     }
 
-    /// Whether it acts on digital numbers, after all optics.
-    pub(crate) fn in_detector(&self) -> bool {
-        matches!(
-            self,
+    /// Where in the prediction it acts.
+    pub(crate) fn stage(&self) -> Stage {
+        match self {
+            Self::Law(_) | Self::Map { .. } | Self::Harmonics | Self::Relief | Self::Shadow => Stage::Surface,
+            Self::Shift | Self::Roll | Self::Scale => Stage::Place,
+            Self::Blur | Self::FieldBlur | Self::Coma | Self::Astigmatism => Stage::Optics,
+            Self::Glare { .. } | Self::MeanGlare | Self::Ghost => Stage::Stray,
             Self::Vignetting { .. }
-                | Self::DarkLevel
-                | Self::DarkCurrent
-                | Self::Nonlinearity
-                | Self::FullWell { .. }
-        )
+            | Self::DarkLevel
+            | Self::DarkCurrent
+            | Self::Nonlinearity
+            | Self::FullWell { .. } => Stage::Detector,
+        }
     }
+}
+
+/// The stages of a prediction, in their order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Stage {
+    /// The body's light, cell by cell.
+    Surface,
+    /// Where the body is in the image.
+    Place,
+    /// What the optics do within a few pixels.
+    Optics,
+    /// Light that goes astray over many.
+    Stray,
+    /// Digital numbers.
+    Detector,
 }
 
 /// A form of an effect.

@@ -145,6 +145,7 @@ impl Grid {
 }
 
 /// A cubic spline through the cells of a grid.
+#[derive(Debug)]
 pub(crate) struct Spline(Grid);
 
 impl Spline {
@@ -158,15 +159,31 @@ impl Spline {
                 .map(|w| w / 6.0)
         };
         let (wx, wy) = (weights(x - left), weights(y - top));
+        let (left, top) = (left as i64 - 1, top as i64 - 1);
+        let (columns, rows) = (self.0.columns as i64, self.0.rows as i64);
         let mut sum = 0.0;
+        if left >= 0 && top >= 0 && left + 4 <= columns && top + 4 <= rows {
+            for (j, wy) in wy.iter().enumerate() {
+                let first = (top as usize + j) * self.0.columns + left as usize;
+                let line: f64 =
+                    wx.iter().zip(&self.0.values[first..first + 4]).map(|(w, v)| w * f64::from(*v)).sum();
+                sum += wy * line;
+            }
+            return sum;
+        }
         for (j, wy) in wy.iter().enumerate() {
             let mut line = 0.0;
             for (i, wx) in wx.iter().enumerate() {
-                line += wx * f64::from(self.0.held(left as i64 + i as i64 - 1, top as i64 + j as i64 - 1));
+                line += wx * f64::from(self.0.held(left + i as i64, top + j as i64));
             }
             sum += wy * line;
         }
         sum
+    }
+
+    /// Columns and rows.
+    pub(crate) fn size(&self) -> [usize; 2] {
+        [self.0.columns, self.0.rows]
     }
 }
 

@@ -17,10 +17,12 @@ mod model;
 mod picture;
 mod pixels;
 mod place;
+mod predicted;
 mod register;
 mod scene;
 mod set;
 mod solve;
+mod stages;
 mod told;
 mod window;
 

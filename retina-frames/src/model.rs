@@ -4,8 +4,8 @@ use glam::{DMat2, DVec2};
 use retina_formats::FramesEffect;
 
 use crate::form::{Change, Form, harmonics};
-use crate::grid::Grid;
-use crate::layers::{Angles, Layers};
+use crate::grid::{Grid, Spline};
+use crate::layers::Layers;
 use crate::window::Window;
 
 /// An effect that is part of the prediction.
@@ -43,37 +43,10 @@ pub(crate) struct Sight {
     pub(crate) exposure_s: f64,
 }
 
-/// Ratios of laws beyond this are those of slivers without light.
-const LARGEST_RATIO: f64 = 20.0;
 /// Derivatives of images are taken after a blur of this variance, px^2: edges have none.
 const SMOOTHED_PX2: f64 = 0.3;
 
 impl Sight {
-    /// Light of each bin before the detector.
-    pub(crate) fn light(&self, frame: usize, state: &State) -> Grid {
-        let mut cells = self.surface(&state.parts);
-        let (mut shift, mut roll, mut scale) = (state.shift_px[frame], state.roll_rad, state.scale);
-        for part in &state.parts {
-            match part.form.change {
-                Change::Shift => shift += DVec2::new(part.values[0], part.values[1]),
-                Change::Roll => roll += part.values[0],
-                Change::Scale => scale += part.values[0],
-                _ => {}
-            }
-        }
-        if shift != DVec2::ZERO || roll != 0.0 || scale != 0.0 {
-            cells = self.moved(&cells, shift, roll, scale);
-        }
-        for part in &state.parts {
-            cells = self.through_optics(cells, part);
-        }
-        let mut bins = cells.averaged(self.window.fine);
-        for part in &state.parts {
-            bins = self.scattered(bins, part);
-        }
-        bins
-    }
-
     /// Digital numbers of light.
     pub(crate) fn detected(&self, frame: usize, state: &State, light: &Grid) -> Vec<f64> {
         let r = |at: usize| self.axis_r(at);
@@ -125,7 +98,7 @@ impl Sight {
         (from_axis.length(), from_axis.normalize_or_zero())
     }
 
-    fn surface(&self, parts: &[Part]) -> Grid {
+    pub(crate) fn surface(&self, parts: &[Part]) -> Grid {
         let layers = &self.layers;
         let mut out = layers.light.clone();
         for part in parts {
@@ -137,28 +110,17 @@ impl Sight {
         for part in parts {
             match part.form.change {
                 Change::Law(law) => {
-                    if let (Some(angles), Some(own)) = (&layers.angles, &layers.law) {
-                        let own_mesh = layers.mesh.as_ref().filter(|_| has(parts, Change::Relief));
-                        let angles = own_mesh.map_or(angles, |mesh| &mesh.angles);
-                        let ratio = |a: &Angles| -> f64 {
-                            let before = own.radiance_factor(a.geometry());
-                            if before <= 0.0 {
-                                1.0
-                            } else {
-                                (law.radiance_factor(a.geometry()) / before).min(LARGEST_RATIO)
-                            }
-                        };
+                    if let Some(ratios) = layers.ratios(&law, has(parts, Change::Relief)) {
                         let share = part.values[0];
-                        let ratios: Vec<f64> = angles.iter().map(ratio).collect();
                         // Both laws give the same light in all: the gain keeps its meaning.
                         let (mut before, mut after) = (0.0, 0.0);
-                        for (light, ratio) in out.values.iter().zip(&ratios) {
+                        for (light, ratio) in out.values.iter().zip(ratios.iter()) {
                             before += f64::from(*light);
-                            after += f64::from(*light) * ratio;
+                            after += f64::from(*light * ratio);
                         }
                         let norm = if after > 0.0 { before / after } else { 1.0 };
-                        for (light, ratio) in out.values.iter_mut().zip(&ratios) {
-                            *light *= (1.0 + share * (norm * ratio - 1.0)) as f32;
+                        for (light, ratio) in out.values.iter_mut().zip(ratios.iter()) {
+                            *light *= (1.0 + share * (norm * f64::from(*ratio) - 1.0)) as f32;
                         }
                     }
                 }
@@ -194,18 +156,18 @@ impl Sight {
     }
 
     /// Moved in the camera's image; cells beyond the edge are the edge's.
-    fn moved(&self, cells: &Grid, shift_px: DVec2, roll_rad: f64, scale: f64) -> Grid {
-        let middle = 0.5 * DVec2::new(cells.columns as f64, cells.rows as f64);
+    pub(crate) fn moved(&self, cells: &Spline, shift_px: DVec2, roll_rad: f64, scale: f64) -> Grid {
+        let [columns, rows] = cells.size();
+        let middle = 0.5 * DVec2::new(columns as f64, rows as f64);
         let back = DMat2::from_angle(-roll_rad) * (1.0 / (1.0 + scale));
         let shift = shift_px * self.window.cells_per_px();
-        let spline = cells.spline();
-        Grid::from_fn(cells.columns, cells.rows, |x, y| {
+        Grid::from_fn(columns, rows, |x, y| {
             let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-            spline.at(middle + back * (at - middle - shift)) as f32
+            cells.at(middle + back * (at - middle - shift)) as f32
         })
     }
 
-    fn through_optics(&self, cells: Grid, part: &Part) -> Grid {
+    pub(crate) fn through_optics(&self, cells: &Grid, part: &Part) -> Grid {
         let a = part.values[0];
         let per_px = self.window.cells_per_px();
         let (r, radial) = self.middle_r();
@@ -245,12 +207,12 @@ impl Sight {
                 let factor = (0.5 * a * r * r * per_px * per_px) as f32;
                 cells.map2(&turned, |light, d| light + factor * d)
             }
-            _ => cells,
+            _ => cells.clone(),
         }
     }
 
     /// Light that goes astray over many pixels.
-    fn scattered(&self, bins: Grid, part: &Part) -> Grid {
+    pub(crate) fn scattered(&self, bins: &Grid, part: &Part) -> Grid {
         let a = part.values[0] as f32;
         match part.form.change {
             Change::Glare { width_px } => {
@@ -264,7 +226,7 @@ impl Sight {
             }
             Change::MeanGlare => {
                 let mean = bins.values.iter().sum::<f32>() / bins.values.len() as f32;
-                Grid { values: bins.values.iter().map(|light| light + a * mean).collect(), ..bins }
+                Grid { values: bins.values.iter().map(|light| light + a * mean).collect(), ..*bins }
             }
             Change::Ghost => {
                 let window = &self.window;
@@ -280,7 +242,7 @@ impl Sight {
                     bins.values[at] + if inside { a * spline.at(cell) as f32 } else { 0.0 }
                 })
             }
-            _ => bins,
+            _ => bins.clone(),
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Which bins count, in tiles.
 
 use crate::measured::Bins;
-use crate::model::{Sight, State};
+use crate::model::Sight;
+use crate::predicted::Predicted;
 
 /// About as many tiles there are, where bins are enough.
 const TILES: usize = 150;
@@ -64,12 +65,11 @@ impl PixelRows {
     }
 
     /// ln of the light of a bin's surroundings, DN.
-    pub(crate) fn noise_key(&self, sights: &[Sight], state: &State) -> Vec<f64> {
-        let images: Vec<Vec<f64>> = sights
-            .iter()
-            .enumerate()
-            .map(|(frame, sight)| {
-                let light = sight.light(frame, state).blurred(KEY_BLUR);
+    pub(crate) fn noise_key(&self, sights: &[Sight], predicted: &Predicted) -> Vec<f64> {
+        let state = &predicted.state;
+        let images: Vec<Vec<f64>> = (0..sights.len())
+            .map(|frame| {
+                let light = predicted.light(frame).blurred(KEY_BLUR);
                 let top = light.values.iter().copied().fold(0.0, f32::max);
                 let floor = KEY_FLOOR * f64::from(top);
                 light

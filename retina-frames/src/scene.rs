@@ -11,7 +11,7 @@ use retina_render::{BodyModel, BodyState, CpuRenderer, CpuSampling, FrameState, 
 use retina_scene::Scene;
 
 use crate::grid::Grid;
-use crate::layers::{Angles, Layers, Mesh, angles};
+use crate::layers::{Angles, Layers, Mesh, Ratios, angles};
 use crate::window::{Pose, Window};
 
 /// The body of a scene, with what renders it.
@@ -141,6 +141,7 @@ impl SceneOrigin {
                 place_rad: smooth.place_rad,
                 map: None,
                 mesh: None,
+                ratios: Ratios::default(),
             };
         }
         if has_map {
@@ -215,6 +216,7 @@ impl SceneOrigin {
             angles: Some(cells.iter().map(|(_, a, _)| *a).collect()),
             map: None,
             mesh: None,
+            ratios: Ratios::default(),
         }
     }
 }

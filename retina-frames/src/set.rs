@@ -16,6 +16,7 @@ use crate::measured::Bins;
 use crate::model::{Part, Sight, State};
 use crate::pixels::PixelRows;
 use crate::place::{Placed, Scenes, first_state, place, windows};
+use crate::predicted::{Predicted, View};
 use crate::solve::{self, Parameter};
 use crate::window::Pose;
 
@@ -146,7 +147,8 @@ impl FrameSet {
             let with_blur: Vec<Parameter> =
                 parameters.iter().copied().chain([Parameter::Part(0, 0)]).collect();
             for turn in 0..PLACINGS {
-                state = solve::fit(&sights, &rows, state, &with_blur);
+                let view = View { sights: &sights, rows: &rows };
+                state = solve::fit(view, Predicted::of(view, state), &with_blur).state;
                 let most = placed
                     .iter()
                     .zip(&state.shift_px)
@@ -173,7 +175,8 @@ impl FrameSet {
         for (sight, frame) in sights.iter_mut().zip(&placed) {
             sight.layers = frame.origin.layers(camera, &sight.window, &frame.pose);
         }
-        state = solve::fit(&sights, &rows, state, &parameters);
+        let view = View { sights: &sights, rows: &rows };
+        state = solve::fit(view, Predicted::of(view, state), &parameters).state;
         Ok(Self {
             saturated: sum(0),
             history: vec![("baseline".to_owned(), state.clone())],
@@ -258,31 +261,23 @@ impl FrameSet {
         out
     }
 
-    pub(crate) fn tangents(&self, state: &State, at: &[f64], parameters: &[Parameter]) -> Vec<Vec<f64>> {
-        parameters.par_iter().map(|p| solve::tangent(&self.sights, &self.rows, state, at, *p)).collect()
+    /// The images and the rows that are compared.
+    pub(crate) fn view(&self) -> View<'_> {
+        View { sights: &self.sights, rows: &self.rows }
     }
 
-    /// Columns of a form, per unit of its parameters.
-    pub(crate) fn columns(
-        &self,
-        id: FramesEffect,
-        form: &Form,
-        lights: &[Grid],
-        at: &[f64],
-    ) -> Vec<PixelColumn> {
+    /// Columns of a form beside what is predicted, per unit of its parameters.
+    pub(crate) fn columns(&self, id: FramesEffect, form: &Form, now: &Predicted) -> Vec<PixelColumn> {
         let names = form.change.names();
         (0..names.len())
             .into_par_iter()
             .map(|k| {
                 let mut values = vec![0.0; names.len()];
                 values[k] = form.probe;
-                let mut state = self.state.clone();
+                let mut state = now.state.clone();
                 state.parts.push(Part { id, form: form.clone(), values });
-                let there = match form.change.in_detector() {
-                    true => solve::detect(&self.sights, &self.rows, &state, lights),
-                    false => solve::predict(&self.sights, &self.rows, &state),
-                };
-                let column = there.iter().zip(at).map(|(t, a)| (t - a) / form.probe).collect();
+                let there = now.dn_of(self.view(), &state);
+                let column = there.iter().zip(&now.dn).map(|(t, a)| (t - a) / form.probe).collect();
                 PixelColumn { name: names[k].clone(), values: column, plausible: form.change.plausible() }
             })
             .collect()
@@ -316,22 +311,19 @@ impl FrameSet {
     pub fn dataset(&self, candidates: bool) -> Result<Dataset, InputError> {
         let state = &self.state;
         let frames = self.sights.len();
-        let lights = solve::lights(&self.sights, state);
-        let at = solve::detect(&self.sights, &self.rows, state, &lights);
+        let view = self.view();
+        let now = Predicted::of(view, state.clone());
         let baseline = Parameter::baseline(frames, self.registered);
-        let own = self.tangents(state, &at, &baseline);
-        let mut predicted_so_far = {
-            let bare = State { parts: Vec::new(), ..state.clone() };
-            solve::predict(&self.sights, &self.rows, &bare)
-        };
+        let own = now.tangents(view, &baseline);
+        let mut predicted_so_far = now.dn_of(view, &State { parts: Vec::new(), ..state.clone() });
         let predicted = predicted_so_far.clone();
         let mut parts = Vec::new();
         for (i, part) in state.parts.iter().enumerate() {
             let upto = State { parts: state.parts[..=i].to_vec(), ..state.clone() };
-            let there = solve::predict(&self.sights, &self.rows, &upto);
+            let there = now.dn_of(view, &upto);
             let names = part.form.change.names();
             let parameters: Vec<Parameter> = (0..names.len()).map(|k| Parameter::Part(i, k)).collect();
-            let tangents = self.tangents(state, &at, &parameters);
+            let tangents = now.tangents(view, &parameters);
             parts.push(PixelPart {
                 id: part.id,
                 adds: there.iter().zip(&predicted_so_far).map(|(t, p)| t - p).collect(),
@@ -360,7 +352,7 @@ impl FrameSet {
                             if form.change.range()[0] == 0.0 {
                                 shape.push(("looked_for_at_px2", form.probe));
                             }
-                            PixelForm { shape, leading: self.columns(id, form, &lights, &at) }
+                            PixelForm { shape, leading: self.columns(id, form, &now) }
                         })
                         .collect()),
                     Ok(_) => Ok(Vec::new()),
@@ -383,8 +375,8 @@ impl FrameSet {
                 .collect(),
             pitch_px: self.sights.first().map_or(1.0, |sight| sight.window.bin as f64),
             groups: self.rows.tiles.clone(),
-            covariates: self.covariates(&at),
-            noise_key: self.rows.noise_key(&self.sights, state),
+            covariates: self.covariates(&now.dn),
+            noise_key: self.rows.noise_key(&self.sights, &now),
             least_noise: self.rows.least_noise,
             baseline: baseline
                 .iter()

@@ -5,9 +5,9 @@ use faer::{Mat, Side};
 use rayon::prelude::*;
 use retina_calibration::NoiseGroups;
 
-use crate::grid::Grid;
-use crate::model::{Sight, State};
+use crate::model::State;
 use crate::pixels::PixelRows;
+use crate::predicted::{Predicted, View};
 
 /// A number of a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -98,7 +98,7 @@ impl Parameter {
     }
 
     /// A step over which a tangent is taken.
-    fn step(self, state: &State) -> f64 {
+    pub(crate) fn step(self, state: &State) -> f64 {
         match self {
             Self::Gain(_) => 1e-3,
             Self::Offset => 1.0,
@@ -110,62 +110,6 @@ impl Parameter {
             }
         }
     }
-}
-
-/// Light of all frames before the detector.
-pub(crate) fn lights(sights: &[Sight], state: &State) -> Vec<Grid> {
-    sights.par_iter().enumerate().map(|(frame, sight)| sight.light(frame, state)).collect()
-}
-
-/// Predictions over the rows.
-pub(crate) fn predict(sights: &[Sight], rows: &PixelRows, state: &State) -> Vec<f64> {
-    detect(sights, rows, state, &lights(sights, state))
-}
-
-/// The same from light that is known.
-pub(crate) fn detect(sights: &[Sight], rows: &PixelRows, state: &State, lights: &[Grid]) -> Vec<f64> {
-    let images: Vec<Vec<f64>> = sights
-        .par_iter()
-        .zip(lights)
-        .enumerate()
-        .map(|(frame, (sight, light))| sight.detected(frame, state, light))
-        .collect();
-    rows.bins.iter().map(|&(frame, bin)| images[frame][bin]).collect()
-}
-
-/// Derivative of the predictions by a parameter; `at` are the predictions themselves.
-pub(crate) fn tangent(
-    sights: &[Sight],
-    rows: &PixelRows,
-    state: &State,
-    at: &[f64],
-    parameter: Parameter,
-) -> Vec<f64> {
-    let mut step = parameter.step(state);
-    let mut moved = parameter.moved(state, step);
-    if moved == *state {
-        // At the end of its range a parameter has a tangent towards the inside alone.
-        step = -step;
-        moved = parameter.moved(state, step);
-    }
-    if let Parameter::Part(part, k) = parameter {
-        step = moved.parts[part].values[k] - state.parts[part].values[k];
-    }
-    let frames = parameter.frame().map_or(0..sights.len(), |frame| frame..frame + 1);
-    let images: Vec<Option<Vec<f64>>> = (0..sights.len())
-        .into_par_iter()
-        .map(|frame| {
-            let sight = &sights[frame];
-            frames.contains(&frame).then(|| sight.detected(frame, &moved, &sight.light(frame, &moved)))
-        })
-        .collect();
-    rows.bins
-        .iter()
-        .zip(at)
-        .map(|(&(frame, bin), before)| {
-            images[frame].as_ref().map_or(0.0, |image| (image[bin] - before) / step)
-        })
-        .collect()
 }
 
 /// How rows count in a fit.
@@ -197,35 +141,34 @@ pub(crate) fn counted(rows: &PixelRows, key: &[f64], error: &[f64], fitted: usiz
 }
 
 /// Fits parameters by D. Marquardt's method (SIAM Journal 11, 1963), weights anew in each round.
-pub(crate) fn fit(sights: &[Sight], rows: &PixelRows, start: State, parameters: &[Parameter]) -> State {
-    let mut state = start;
+pub(crate) fn fit(view: View<'_>, start: Predicted, parameters: &[Parameter]) -> Predicted {
+    let mut now = start;
     for _ in 0..ROUNDS {
-        let mut at = predict(sights, rows, &state);
-        let key = rows.noise_key(sights, &state);
-        let mut error: Vec<f64> = rows.measured.iter().zip(&at).map(|(m, p)| m - p).collect();
-        let weight = counted(rows, &key, &error, parameters.len()).weight;
+        let key = view.rows.noise_key(view.sights, &now);
+        let mut error = now.error(view);
+        let weight = counted(view.rows, &key, &error, parameters.len()).weight;
         let cost = |error: &[f64]| error.iter().zip(&weight).map(|(e, w)| w * e * e).sum::<f64>();
-        let mut now = cost(&error);
-        let first = now;
+        let mut costs = cost(&error);
+        let first = costs;
         let mut damping = 1e-4;
+        let mut tangents = now.tangents(view, parameters);
         for _ in 0..TURNS {
-            let tangents: Vec<Vec<f64>> =
-                parameters.iter().map(|p| tangent(sights, rows, &state, &at, *p)).collect();
             let Some(step) = solved(&tangents, &error, &weight, damping) else { break };
-            let mut trial = state.clone();
+            let mut trial = now.state.clone();
             for (parameter, by) in parameters.iter().zip(&step) {
                 trial = parameter.moved(&trial, *by);
             }
-            let there = predict(sights, rows, &trial);
-            let left: Vec<f64> = rows.measured.iter().zip(&there).map(|(m, p)| m - p).collect();
+            let there = now.beside(view, trial);
+            let left = there.error(view);
             let then = cost(&left);
-            if then.is_finite() && then <= now {
-                let done = now - then < 1e-5 * now;
-                (state, at, error, now) = (trial, there, left, then);
+            if then.is_finite() && then <= costs {
+                let done = costs - then < 1e-5 * costs;
+                (now, error, costs) = (there, left, then);
                 damping = (damping * 0.2).max(1e-9);
                 if done {
                     break;
                 }
+                tangents = now.tangents(view, parameters);
             } else {
                 damping *= 20.0;
                 if damping > 1e6 {
@@ -233,11 +176,11 @@ pub(crate) fn fit(sights: &[Sight], rows: &PixelRows, start: State, parameters: 
                 }
             }
         }
-        if first - now < 1e-4 * first {
+        if first - costs < 1e-4 * first {
             break;
         }
     }
-    state
+    now
 }
 
 /// Weighted least squares with a damped diagonal; `None` where it has no solution.
