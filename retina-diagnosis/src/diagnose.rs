@@ -162,7 +162,7 @@ fn search(
     });
     notes.extend(crate::noise::lost_groups(data, &frame.weights));
     notes.extend(unexplained.weak.as_ref().map(|weak| {
-        let within = weak.width_px.map_or_else(String::new, |px| format!(" within {px:.0} px of the screen"));
+        let within = weak.width_px.map_or_else(String::new, |px| format!(" within {px:.0} {}", data.px_name()));
         format!(
             "neighbours in {}{within} share {:.2} of the noise: a fixed pattern that is real, and too weak to count",
             weak.covariates.join(", "),

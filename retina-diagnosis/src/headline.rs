@@ -4,8 +4,9 @@ use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
 use crate::verdict::Verdict;
 
-/// Amplitudes of ripples are told at this wavelength, px of the screen.
+/// Amplitudes of ripples are told at the first wavelength from this on, px of the screen, and px of the image.
 const WAVELENGTH_PX: f64 = 200.0;
+const WAVELENGTH_OF_IMAGES_PX: f64 = 16.0;
 
 /// One sentence.
 pub fn headline(data: &Dataset, result: &Diagnosis) -> String {
@@ -13,11 +14,12 @@ pub fn headline(data: &Dataset, result: &Diagnosis) -> String {
     let unit = data.kind.unit();
     match result.verdict {
         Verdict::Adequate => {
+            let wavelength = if data.pixels().is_some() { WAVELENGTH_OF_IMAGES_PX } else { WAVELENGTH_PX };
             let seen = result
                 .unexplained
                 .visible
                 .iter()
-                .find(|seen| seen[0] == WAVELENGTH_PX && seen[1].is_finite())
+                .find(|seen| seen[0] >= wavelength && seen[1].is_finite())
                 .map_or_else(String::new, |[wavelength, amplitude]| {
                     format!("; a ripple of {amplitude:.2} {unit} and {wavelength:.0} px would have been seen")
                 });
@@ -28,7 +30,7 @@ pub fn headline(data: &Dataset, result: &Diagnosis) -> String {
         Verdict::Unknown => {
             let columns = result.unexplained.covariates.join(", ");
             let wide = result.unexplained.width_px.map_or_else(String::new, |width| {
-                format!(" (neighbours within {width:.0} px of the screen share it)")
+                format!(" (neighbours within {width:.0} {} share it)", data.px_name())
             });
             match (result.accepted.is_empty(), columns.is_empty()) {
                 (true, true) => "Too many rows are outliers: the model does not describe them".to_owned(),

@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use crate::catalogue::Effect;
 use crate::compare::{Comparison, PERCENTILES};
-use crate::data::Dataset;
+use crate::data::{Dataset, Measure};
 use crate::diagnose::Diagnosis;
 use crate::estimate::Parameter;
 use crate::fit::Fit;
@@ -48,6 +48,34 @@ fn noise_json(noise: &Noise) -> Value {
     json!({ "white": noise.white, "group": noise.group, "structured": noise.structured, "source": noise.source })
 }
 
+/// Where the bodies of images are seen; nothing of other tables.
+fn placement_json(data: &Dataset) -> Value {
+    let measure = |m: &Measure| json!({ "value": m.value, "sigma": m.sigma });
+    let placements = data.pixels().map_or(&[][..], |pixels| &pixels.placements);
+    placements
+        .iter()
+        .map(|p| {
+            json!({
+                "image": p.image,
+                "predicted_px": p.predicted_px,
+                "seen_x_px": measure(&p.seen_px[0]),
+                "seen_y_px": measure(&p.seen_px[1]),
+                "roll_rad": measure(&p.roll_rad),
+                "scale_relative": measure(&p.scale),
+            })
+        })
+        .collect()
+}
+
+/// The same object with the placements, where there are any.
+fn with_placement(mut out: Value, data: &Dataset) -> Value {
+    let placement = placement_json(data);
+    if placement.as_array().is_some_and(|all| !all.is_empty()) {
+        out["placement"] = placement;
+    }
+    out
+}
+
 /// `compare --json`, schema `retina.compare/1`.
 pub fn compare_json(data: &Dataset, result: &Comparison) -> Value {
     let percentiles: Map<String, Value> =
@@ -81,12 +109,12 @@ pub fn compare_json(data: &Dataset, result: &Comparison) -> Value {
             "remainder_expected_arcsec": decoded.remainder_expected_arcsec,
         });
     }
-    out
+    with_placement(out, data)
 }
 
 /// `diagnose --json`, schema `retina.diagnosis/1`.
 pub fn diagnose_json(data: &Dataset, result: &Diagnosis) -> Value {
-    json!({
+    let out = json!({
         "schema": "retina.diagnosis/1",
         "table": data.kind.name(),
         "rows": data.table_rows,
@@ -129,14 +157,15 @@ pub fn diagnose_json(data: &Dataset, result: &Diagnosis) -> Value {
         "not_testable": result.not_testable.iter().map(|n| json!({ "effect": n.effect, "reason": n.reason })).collect::<Vec<_>>(),
         "warnings": warnings(data, result.outliers),
         "notes": result.notes,
-    })
+    });
+    with_placement(out, data)
 }
 
 /// `fit --json`, schema `retina.fit/1`.
 pub fn fit_json(data: &Dataset, result: &Fit) -> Value {
     let fitted: Vec<&str> =
         result.parameters[..result.correlation.len()].iter().map(|p| p.name.as_str()).collect();
-    json!({
+    let out = json!({
         "schema": "retina.fit/1",
         "table": data.kind.name(),
         "unit": data.kind.unit(),
@@ -152,7 +181,8 @@ pub fn fit_json(data: &Dataset, result: &Fit) -> Value {
         "steps": steps_json(&result.steps),
         "warnings": warnings(data, result.outliers),
         "notes": result.notes,
-    })
+    });
+    with_placement(out, data)
 }
 
 /// `effects --json`, schema `retina.effects/1`.

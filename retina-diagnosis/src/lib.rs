@@ -22,15 +22,16 @@ mod flips;
 mod formula;
 mod headline;
 mod json;
+mod lags;
 mod linear;
 mod model_file;
-mod neighbours;
 mod next;
 mod noise;
 mod output;
 mod own;
 mod pairs;
 mod physical;
+mod pixel_noise;
 mod report;
 mod scatter;
 mod score;
@@ -48,8 +49,8 @@ pub use added::{AddedEffect, check_effects};
 pub use catalogue::{Effect, effects};
 pub use compare::{Comparison, Dependence, WorstGroup, compare};
 pub use data::{
-    Baseline, Covariate, Dataset, FittedLens, Group, MOST_PIXELS, PixelColumn, PixelEffect, PixelForm,
-    PixelPart, Pixels, Source, lens_of_fit,
+    Baseline, Covariate, Dataset, FittedLens, Group, MOST_PIXELS, Measure, PixelColumn, PixelEffect,
+    PixelForm, PixelPart, Pixels, Placement, Source, lens_of_fit,
 };
 pub use decode::{Decoded, Reading, decode};
 pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, diagnose, diagnose_step};
@@ -63,6 +64,7 @@ pub use next::NextMeasurement;
 pub use output::{compare_text, diagnose_text, effects_text, fit_text, write_predictions};
 pub use own::{OwnEffect, OwnParameter};
 pub use physical::Physical;
+pub use pixel_noise::{Neighbours, White, white_noise};
 pub use report::{
     Shape, compare_page, diagnose_page, effects_page, fit_page, signature_svg, unexplained_shapes,
 };

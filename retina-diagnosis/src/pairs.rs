@@ -113,7 +113,7 @@ fn ripple(data: &Dataset, wavelength_px: f64) -> Vec<f64> {
 }
 
 /// Deviate below which a normal error lies with 95 %.
-const NINETY_FIVE: f64 = 1.645;
+pub(crate) const NINETY_FIVE: f64 = 1.645;
 
 /// Deviate that the largest of the patterns has to have, and as much more as 95 % power takes.
 fn deviate_needed(draws: &[Vec<f64>]) -> f64 {

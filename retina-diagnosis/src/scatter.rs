@@ -13,8 +13,8 @@ use retina_formats::TableKind;
 
 use crate::data::{Baseline, Dataset};
 use crate::flips::Flips;
-use crate::neighbours;
 use crate::noise::{RobustFit, Weights, robust_fit};
+use crate::pixel_noise;
 use crate::score::Frame;
 use crate::screens::{columns_of, screen_p_values, screens};
 use crate::units::flip_of;
@@ -63,16 +63,18 @@ impl Noise {
         data.flip = flip_of(data, self);
     }
 
-    /// The noise of a table where it is `known`, else that of the fit's pixels; with what the fit leaves beyond it.
+    /// The noise of a table where it is `known`, else that of the pixels; with what the fit leaves beyond it.
     pub(crate) fn beside(known: Option<Self>, data: &Dataset, fit: &RobustFit) -> Self {
-        let noise = known.unwrap_or_else(|| neighbours::noise(data, fit));
+        let noise = known.unwrap_or_else(|| {
+            pixel_noise::noise(data.pixels().and_then(|pixels| pixels.white.as_ref()), fit)
+        });
         let rms = fit.weights.floor();
         let structured = (rms * rms - noise.floor().powi(2)).max(0.0).sqrt();
         Self { structured, ..noise }
     }
 }
 
-/// The noise of a table, or `None` of pixels, whose noise a fit tells. `structured` is 0: it is a model's.
+/// The noise of a table, or `None` of pixels, which have their own. `structured` is 0: it is a model's.
 pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
     if data.pixels().is_some() {
         return None;

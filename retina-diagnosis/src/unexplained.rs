@@ -2,6 +2,7 @@
 
 use crate::data::Dataset;
 use crate::flips::{Flips, p_values};
+use crate::lags;
 use crate::pairs::{Look, Shared, look};
 use crate::score::Frame;
 use crate::screens::{columns_of, screen_p_values, screens};
@@ -13,10 +14,11 @@ pub struct Unexplained {
     pub p_value: f64,
     /// Columns on which the errors depend.
     pub covariates: Vec<String>,
-    /// Widest cells of the field within which neighbours share an error, px of the screen, where that is what was found.
+    /// Widest cells within which neighbours share an error, where that is what was found: px of the screen, of images px
+    /// of the camera.
     pub width_px: Option<f64>,
-    /// Ripples that would have been found with 95 %: their wavelength in pixels of the screen, and their amplitude in
-    /// the table's unit.
+    /// Ripples that would have been found with 95 %: their wavelength in the same pixels, and their amplitude in the
+    /// table's unit.
     pub visible: Vec<[f64; 2]>,
     /// What neighbours share significantly, and yet so little that it does not count.
     pub weak: Option<Weak>,
@@ -53,15 +55,23 @@ pub(crate) fn unexplained(
 ) -> Unexplained {
     let frame = Frame::fitted(data, &base);
     let all = screens(&frame);
-    // Two tests, the smaller p-value of which counts: it is corrected for their number (Z. Sidak, JASA 62, 1967).
-    let of_two = |p: f64| 1.0 - (1.0 - p).powi(2);
-    let p: Vec<f64> = screen_p_values(&all, flips).into_iter().map(of_two).collect();
-    let Look { shared, visible } = look(&frame, PAIRS_SEED, &WAVELENGTHS_PX, FLOOR_SHARED);
+    // Two tests, of pixels three, the smallest p-value of which counts: it is corrected for their number (Z. Sidak, JASA
+    // 62, 1967).
+    let tests = if data.pixels().is_some() { 3.0 } else { 2.0 };
+    let of_all = |p: f64| -(tests * (-p).ln_1p()).exp_m1();
+    let p: Vec<f64> = screen_p_values(&all, flips).into_iter().map(of_all).collect();
+    let Look { mut shared, mut visible } = look(&frame, PAIRS_SEED, &WAVELENGTHS_PX, FLOOR_SHARED);
+    if let Some(pixels) = data.pixels() {
+        let near = lags::look(&frame, pixels, FLOOR_SHARED);
+        shared.extend(near.shared);
+        shared.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.deviate.total_cmp(&a.deviate)));
+        visible = near.visible;
+    }
     let components = frame.components();
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|&a, &b| all[b].score.deviate().total_cmp(&all[a].score.deviate()));
     let counts = |shared: &&Shared| shared.strength >= FLOOR_SHARED;
-    let least_shared = shared.iter().find(counts).map_or(1.0, |shared| of_two(shared.p_value));
+    let least_shared = shared.iter().find(counts).map_or(1.0, |shared| of_all(shared.p_value));
     let p_value = order.first().map_or(1.0, |&i| p[i]).min(least_shared);
     let mut width_px = None;
     let mut covariates: Vec<String> = Vec::new();
@@ -84,16 +94,15 @@ pub(crate) fn unexplained(
                 }
             }
         }
-    } else if let Some(found) =
-        shared.iter().find(|shared| of_two(shared.p_value) <= level && shared.strength >= FLOOR_SHARED)
+    } else if let Some(found) = shared.iter().find(|shared| of_all(shared.p_value) <= level && counts(shared))
     {
         covariates.extend(found.covariates.iter().cloned());
-        let same = |s: &&Shared| s.covariates == found.covariates && of_two(s.p_value) <= level;
+        let same = |s: &&Shared| s.covariates == found.covariates && of_all(s.p_value) <= level && counts(s);
         width_px = shared.iter().filter(same).filter_map(|s| s.width_px).reduce(f64::max);
     }
     let weak = shared
         .iter()
-        .filter(|s| covariates.is_empty() && of_two(s.p_value) <= level)
+        .filter(|s| covariates.is_empty() && of_all(s.p_value) <= level)
         .max_by(|a, b| a.strength.total_cmp(&b.strength))
         .map(|s| Weak { covariates: s.covariates.clone(), width_px: s.width_px, strength: s.strength });
     Unexplained { p_value, covariates, width_px, visible, weak }

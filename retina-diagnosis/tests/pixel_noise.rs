@@ -110,6 +110,45 @@ fn noise_is_told_from_structure() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
+/// Structure without any form or place, blurred over two pixels, at six tenths of the noise: `unknown`, and neighbours are
+/// named. White noise alone is `adequate`, of ten images at most once not; a ripple of the amplitude that "would have been
+/// seen" is.
+#[test]
+fn what_neighbours_share_is_found() {
+    let options = DiagnoseOptions { flips: 199, seed: 1 };
+    let of = |missed: &dyn Fn(f64, f64) -> f64, seed: u64| {
+        let (data, _) = image(64, 1, missed, seed);
+        diagnose(&data, &[], &options)
+    };
+    let grain = |seed: u64| -> Vec<f64> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let white: Vec<f64> = (0..66 * 66).map(|_| StandardNormal.sample(&mut random)).collect();
+        let mean =
+            |at: usize| (0..9).map(|k| white[(at / 64 + k / 3) * 66 + at % 64 + k % 3]).sum::<f64>() / 3.0;
+        (0..64 * 64).map(mean).collect()
+    };
+    let alarms = (0..10).filter(|seed| of(&|_, _| 0.0, 100 + seed).verdict != Verdict::Adequate).count();
+    assert!(alarms <= 1, "{alarms} of 10 without structure");
+    for seed in 0..5 {
+        let grain = grain(200 + seed);
+        let found = of(&|x, y| 0.6 * 1.6 * grain[y as usize * 64 + x as usize], 300 + seed);
+        assert_eq!(found.verdict, Verdict::Unknown, "{:?}", found.unexplained);
+        assert_eq!(found.unexplained.covariates, ["camera_x_px", "camera_y_px"]);
+        assert!(found.unexplained.width_px.unwrap() <= 4.0, "{:?}", found.unexplained);
+    }
+    let visible = of(&|_, _| 0.0, 100).unexplained.visible;
+    let [wavelength, amplitude] = visible[1];
+    assert_eq!(wavelength, 16.0);
+    let k = std::f64::consts::TAU / wavelength;
+    let seen = (0..30)
+        .filter(|seed| {
+            let ripple = |x: f64, y: f64| amplitude * (k * (0.6 * x + 0.8 * y)).sin();
+            of(&ripple, 400 + seed).verdict == Verdict::Unknown
+        })
+        .count();
+    assert!(seen >= 25, "{seen} of 30 at {amplitude}");
+}
+
 /// Noise of variance 1 + light / 50 over 20 to 200: 1.67 by its harmonic mean, which weights by 1 / variance give, and
 /// sqrt(3.2) plain. Text and JSON name both.
 #[test]

@@ -117,13 +117,12 @@ fn the_detection_rate_is_that_of_the_signal_in_nine_pixels() {
             all += places.len();
         }
         let rate = f64::from(u32::try_from(found).unwrap()) / all as f64;
-        let tail = |x: f64| if x >= 1.0 { normal_tail(x) } else { 0.5 };
         // Q(-beyond), 288 trials: 3 % scatter. Of nine places about the peak the best counts, which lifts it by up to
         // half a sigma: Q(-0.5) = 0.69, Q(1) = 0.16, Q(-2) = 0.98.
         let range = match beyond {
-            b if b < 0.0 => tail(1.5) - 0.03..0.22,
+            b if b < 0.0 => normal_tail(1.5) - 0.03..0.22,
             0.0 => 0.45..0.75,
-            _ => 1.0 - tail(1.5) - 0.04..1.001,
+            _ => 1.0 - normal_tail(1.5) - 0.04..1.001,
         };
         assert!(range.contains(&rate), "{beyond}: {rate}, {range:?}");
     }

@@ -95,7 +95,7 @@ impl FrameSet {
 
     /// Chooses the forms of all parts by the error of tiles left out, each beside the others as they are, until none
     /// changes.
-    fn settled(&self, start: Predicted) -> State {
+    pub(crate) fn settled(&self, start: Predicted) -> State {
         let all = catalogue(&self.abilities());
         let others: Vec<(usize, Vec<Form>)> = (0..start.state.parts.len())
             .filter_map(|k| {
@@ -130,12 +130,7 @@ impl FrameSet {
 
     /// The state with one form changed that promises most by a step along the tangents; `None` where none promises
     /// anything.
-    fn likeliest(
-        &self,
-        now: &Predicted,
-        others: &[(usize, Vec<Form>)],
-        weight: &[f64],
-    ) -> Option<Predicted> {
+    fn likeliest(&self, now: &Predicted, others: &[(usize, Vec<Form>)], weight: &[f64]) -> Option<Predicted> {
         let (view, state) = (self.view(), &now.state);
         let parameters = self.parameters(state);
         let tangents = now.tangents(view, &parameters);
@@ -187,9 +182,9 @@ impl FrameSet {
         Judged { predicted, left_out: left_out.map_or(f64::INFINITY, |(_, left_out)| left_out) }
     }
 
-    fn weights(&self, predicted: &Predicted, error: &[f64], fitted: usize) -> Vec<f64> {
+    pub(crate) fn weights(&self, predicted: &Predicted, error: &[f64], fitted: usize) -> Vec<f64> {
         let key = self.rows.noise_key(&self.sights, predicted);
-        solve::counted(&self.rows, &key, error, fitted).weight
+        solve::weights(&self.rows, &key, error, fitted)
     }
 }
 

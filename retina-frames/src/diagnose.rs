@@ -33,6 +33,8 @@ pub fn diagnose_frames(
         next: None,
         ..found.clone()
     };
+    // What happened on the way; the rest is told of the last model.
+    let mut events: Vec<String> = Vec::new();
     let mut decided: Vec<Candidate> = Vec::new();
     let mut several = false;
     let mut ladder: Vec<Step> = Vec::new();
@@ -45,15 +47,14 @@ pub fn diagnose_frames(
         let (steps, parameters) = match fit(&next, &with) {
             Ok(fitted) => (fitted.steps, fitted.parameters),
             Err(refused) => {
-                out.notes
-                    .push(format!("{id} is significant and cannot be fitted beside the others: {refused}"));
+                events.push(format!("{id} is significant and cannot be fitted beside the others: {refused}"));
                 set.undo();
                 break;
             }
         };
         let [before, after] = [2, 1].map(|back| steps[steps.len() - back].heldout_rms);
         if after > (1.0 - LEAST_GAIN) * before {
-            out.notes.push(format!(
+            events.push(format!(
                 "{id} is significant and was taken out again: with it the error of tiles left out is {after:.4} instead of {before:.4}"
             ));
             set.undo();
@@ -90,6 +91,7 @@ pub fn diagnose_frames(
     let later = found.candidates.into_iter().filter(|c| !out.accepted.contains(&c.effect));
     out.candidates = decided.into_iter().chain(later).collect();
     out.outliers = found.outliers;
+    out.notes = found.notes.into_iter().chain(events).collect();
     out.noise = found.noise;
     out.unexplained = found.unexplained;
     out.not_testable = found.not_testable;

@@ -141,6 +141,15 @@ impl ExrOrigin {
             angles(inside.each_ref().map(|layer| &layer.values[..]), &coverage.values)
         });
         let law = angles.as_ref().map(|_| Photometry::new(Lambert, PhaseFunction::CONSTANT, Some(1.0)));
-        Layers { light, coverage, angles, law, place_rad: None, map: None, mesh: None, ratios: Ratios::default() }
+        Layers {
+            light,
+            coverage,
+            angles,
+            law,
+            place_rad: None,
+            map: None,
+            mesh: None,
+            ratios: Ratios::default(),
+        }
     }
 }

@@ -21,11 +21,11 @@ impl Grid {
 
     /// From a function of the cell.
     pub(crate) fn from_fn(columns: usize, rows: usize, value: impl Fn(usize, usize) -> f32 + Sync) -> Self {
-        let values = (0..rows)
-            .into_par_iter()
-            .flat_map_iter(|y| (0..columns).map(move |x| (x, y)))
-            .map(|(x, y)| value(x, y));
-        Self { columns, rows, values: values.collect() }
+        let mut out = Self::new(columns, rows);
+        out.values.par_chunks_mut(columns.max(1)).enumerate().for_each(|(y, row)| {
+            row.iter_mut().enumerate().for_each(|(x, cell)| *cell = value(x, y));
+        });
+        out
     }
 
     pub(crate) fn map2(&self, other: &Self, value: impl Fn(f32, f32) -> f32) -> Self {
@@ -75,11 +75,18 @@ impl Grid {
     }
 
     fn transposed(&self) -> Self {
-        let values = (0..self.columns)
-            .into_par_iter()
-            .flat_map_iter(|x| (0..self.rows).map(move |y| self.values[y * self.columns + x]))
-            .collect();
-        Self { columns: self.rows, rows: self.columns, values }
+        // Bands of columns: each line of the source is read once a band.
+        const BAND: usize = 16;
+        let (columns, rows) = (self.columns, self.rows);
+        let mut out = Self::new(rows, columns);
+        out.values.par_chunks_mut((BAND * rows).max(1)).enumerate().for_each(|(band, lines)| {
+            for y in 0..rows {
+                for (x, line) in lines.chunks_exact_mut(rows).enumerate() {
+                    line[y] = self.values[y * columns + band * BAND + x];
+                }
+            }
+        });
+        out
     }
 
     /// Central differences along x and y, per cell.
@@ -152,39 +159,42 @@ impl Spline {
     /// Its value; cell centres at half-integers.
     pub(crate) fn at(&self, at: DVec2) -> f64 {
         let (x, y) = (at.x - 0.5, at.y - 0.5);
-        let (left, top) = (x.floor(), y.floor());
-        let weights = |t: f64| {
+        let (left, top) = (floor(x), floor(y));
+        let weights = |t: f32| {
             let u = 1.0 - t;
             [u * u * u, (3.0 * t - 6.0) * t * t + 4.0, (3.0 * u - 6.0) * u * u + 4.0, t * t * t]
-                .map(|w| w / 6.0)
+                .map(|w| w * (1.0 / 6.0))
         };
-        let (wx, wy) = (weights(x - left), weights(y - top));
-        let (left, top) = (left as i64 - 1, top as i64 - 1);
+        let (wx, wy) = (weights((x - left as f64) as f32), weights((y - top as f64) as f32));
+        let (left, top) = (left - 1, top - 1);
         let (columns, rows) = (self.0.columns as i64, self.0.rows as i64);
-        let mut sum = 0.0;
+        // Column sums first: four lanes at once.
+        let mut sums = [0f32; 4];
         if left >= 0 && top >= 0 && left + 4 <= columns && top + 4 <= rows {
             for (j, wy) in wy.iter().enumerate() {
                 let first = (top as usize + j) * self.0.columns + left as usize;
-                let line: f64 =
-                    wx.iter().zip(&self.0.values[first..first + 4]).map(|(w, v)| w * f64::from(*v)).sum();
-                sum += wy * line;
+                sums.iter_mut().zip(&self.0.values[first..first + 4]).for_each(|(sum, v)| *sum += wy * v);
             }
-            return sum;
-        }
-        for (j, wy) in wy.iter().enumerate() {
-            let mut line = 0.0;
-            for (i, wx) in wx.iter().enumerate() {
-                line += wx * f64::from(self.0.held(left + i as i64, top + j as i64));
+        } else {
+            for (j, wy) in wy.iter().enumerate() {
+                for (i, sum) in sums.iter_mut().enumerate() {
+                    *sum += wy * self.0.held(left + i as i64, top + j as i64);
+                }
             }
-            sum += wy * line;
         }
-        sum
+        sums.iter().zip(&wx).map(|(sum, w)| sum * w).sum::<f32>().into()
     }
 
     /// Columns and rows.
     pub(crate) fn size(&self) -> [usize; 2] {
         [self.0.columns, self.0.rows]
     }
+}
+
+/// The largest whole number below: the library's own is a call where the processor's is not known to be there.
+fn floor(x: f64) -> i64 {
+    let whole = x as i64;
+    whole - i64::from(x < whole as f64)
 }
 
 /// Values of a line into coefficients, in place.

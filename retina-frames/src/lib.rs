@@ -5,6 +5,7 @@
 //! - [`diagnose_frames`]: which effects are missing; the prediction is made anew with each that is found.
 //! - [`FrameSet::pictures`]: predicted, measured and what is left, side by side.
 
+mod best;
 mod choice;
 mod covariates;
 mod diagnose;

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use glam::DVec2;
 use rayon::prelude::*;
-use retina_diagnosis::{AddedEffect, Dataset, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels};
+use retina_diagnosis::{
+    AddedEffect, Dataset, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels, Placement, White,
+};
 use retina_files::InputError;
 use retina_formats::{Calibration, FrameRow, FramesEffect, FramesTable};
 use retina_geometry::{Pinhole, Setup};
@@ -18,6 +20,7 @@ use crate::pixels::PixelRows;
 use crate::place::{Placed, Scenes, first_state, place, windows};
 use crate::predicted::{Predicted, View};
 use crate::solve::{self, Parameter};
+use crate::told::note_of;
 use crate::window::Pose;
 
 /// Where frames come from and what is done with them at first.
@@ -55,6 +58,10 @@ pub struct FrameSet {
     pub(crate) middles: Vec<DVec2>,
     pub(crate) numbers: Vec<(String, Vec<f64>)>,
     pub(crate) registered: bool,
+    /// The pixels' noise, the same whatever is predicted later.
+    white: Option<White>,
+    /// Where the bodies are seen, by the best prediction.
+    placements: Vec<Placement>,
     files: Vec<PathBuf>,
     notes: Vec<String>,
     saturated: usize,
@@ -177,7 +184,7 @@ impl FrameSet {
         }
         let view = View { sights: &sights, rows: &rows };
         state = solve::fit(view, Predicted::of(view, state), &parameters).state;
-        Ok(Self {
+        let mut set = Self {
             saturated: sum(0),
             history: vec![("baseline".to_owned(), state.clone())],
             poses: placed.iter().map(|frame| frame.pose).collect(),
@@ -189,9 +196,28 @@ impl FrameSet {
             state,
             numbers,
             registered: source.register,
+            white: None,
+            placements: Vec::new(),
             files,
             notes,
-        })
+        };
+        let best = set.best();
+        set.white = set.white_noise(&best);
+        set.placements = set.placements_of(&best);
+        Ok(set)
+    }
+
+    /// Frame, x and y of each row, px.
+    pub(crate) fn places(&self) -> Vec<[f64; 3]> {
+        let place = |&(frame, bin): &(usize, usize)| {
+            let px = self.sights[frame].bin_px(bin);
+            [frame as f64, px.x, px.y]
+        };
+        self.rows.bins.iter().map(place).collect()
+    }
+
+    pub(crate) fn pitch_px(&self) -> f64 {
+        self.sights.first().map_or(1.0, |sight| sight.window.bin as f64)
     }
 
     /// What the frames can show.
@@ -317,7 +343,7 @@ impl FrameSet {
         let own = now.tangents(view, &baseline);
         let mut predicted_so_far = now.dn_of(view, &State { parts: Vec::new(), ..state.clone() });
         let predicted = predicted_so_far.clone();
-        let mut parts = Vec::new();
+        let mut parts: Vec<PixelPart> = Vec::new();
         for (i, part) in state.parts.iter().enumerate() {
             let upto = State { parts: state.parts[..=i].to_vec(), ..state.clone() };
             let there = now.dn_of(view, &upto);
@@ -364,20 +390,14 @@ impl FrameSet {
         Dataset::of_pixels(Pixels {
             measured: self.rows.measured.clone(),
             predicted,
-            place: self
-                .rows
-                .bins
-                .iter()
-                .map(|&(frame, bin)| {
-                    let px = self.sights[frame].bin_px(bin);
-                    [frame as f64, px.x, px.y]
-                })
-                .collect(),
-            pitch_px: self.sights.first().map_or(1.0, |sight| sight.window.bin as f64),
+            place: self.places(),
+            pitch_px: self.pitch_px(),
             groups: self.rows.tiles.clone(),
             covariates: self.covariates(&now.dn),
             noise_key: self.rows.noise_key(&self.sights, &now),
             least_noise: self.rows.least_noise,
+            shared_within_px: 0.0,
+            white: self.white.clone(),
             baseline: baseline
                 .iter()
                 .zip(own)
@@ -390,7 +410,8 @@ impl FrameSet {
             parts,
             saturated: self.saturated,
             files: self.files.clone(),
-            notes: self.notes.iter().cloned().chain(self.placements()).collect(),
+            notes: self.notes.iter().cloned().chain(self.placements.iter().map(note_of)).collect(),
+            placements: self.placements.clone(),
         })
     }
 }

@@ -1,6 +1,6 @@
 //! The prediction's parameters fitted to the pixels.
 
-use faer::linalg::solvers::Solve as _;
+use faer::linalg::solvers::{DenseSolveCore as _, Solve as _};
 use faer::{Mat, Side};
 use rayon::prelude::*;
 use retina_calibration::NoiseGroups;
@@ -112,32 +112,29 @@ impl Parameter {
     }
 }
 
-/// How rows count in a fit.
-pub(crate) struct Counted {
-    /// Inverse variance times Tukey's factor.
-    pub(crate) weight: Vec<f64>,
-}
-
 /// Rows further off than this many sigmas do not count.
 const OUTLIER_SIGMAS: f64 = 6.0;
 const ROUNDS: usize = 5;
 const TURNS: usize = 8;
 
-/// Weights from errors, in groups of like brightness.
-pub(crate) fn counted(rows: &PixelRows, key: &[f64], error: &[f64], fitted: usize) -> Counted {
+/// Standard deviations of errors, in groups of like brightness.
+pub(crate) fn sigmas(rows: &PixelRows, key: &[f64], error: &[f64], fitted: usize) -> Vec<f64> {
     let length: Vec<f64> = error.iter().map(|e| e.abs()).collect();
     let groups =
         NoiseGroups { rows: 120, fitted: fitted as f64, median_of_normal: 0.674_49, least: rows.least_noise };
-    let sigma = groups.sigmas(key, &length, &vec![false; error.len()]);
-    let weight = length
+    groups.sigmas(key, &length, &vec![false; error.len()])
+}
+
+/// How rows count: inverse variance times Tukey's factor.
+pub(crate) fn weights(rows: &PixelRows, key: &[f64], error: &[f64], fitted: usize) -> Vec<f64> {
+    error
         .iter()
-        .zip(&sigma)
+        .zip(sigmas(rows, key, error, fitted))
         .map(|(e, s)| {
-            let t = e / (s * OUTLIER_SIGMAS);
+            let t = e.abs() / (s * OUTLIER_SIGMAS);
             if t < 1.0 { (1.0 - t * t).powi(2) / (s * s) } else { 0.0 }
         })
-        .collect();
-    Counted { weight }
+        .collect()
 }
 
 /// Fits parameters by D. Marquardt's method (SIAM Journal 11, 1963), weights anew in each round.
@@ -146,7 +143,7 @@ pub(crate) fn fit(view: View<'_>, start: Predicted, parameters: &[Parameter]) ->
     for _ in 0..ROUNDS {
         let key = view.rows.noise_key(view.sights, &now);
         let mut error = now.error(view);
-        let weight = counted(view.rows, &key, &error, parameters.len()).weight;
+        let weight = weights(view.rows, &key, &error, parameters.len());
         let cost = |error: &[f64]| error.iter().zip(&weight).map(|(e, w)| w * e * e).sum::<f64>();
         let mut costs = cost(&error);
         let first = costs;
@@ -183,31 +180,47 @@ pub(crate) fn fit(view: View<'_>, start: Predicted, parameters: &[Parameter]) ->
     now
 }
 
-/// Weighted least squares with a damped diagonal; `None` where it has no solution.
-pub(crate) fn solved(columns: &[Vec<f64>], y: &[f64], weight: &[f64], damping: f64) -> Option<Vec<f64>> {
+/// Normal equations, scaled to a unit diagonal: the matrix, and the columns' sizes.
+fn normal(columns: &[Vec<f64>], weight: &[f64], damping: f64) -> (Mat<f64>, Vec<f64>) {
     let n = columns.len();
-    let over =
-        |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).zip(weight).map(|((a, b), w)| a * b * w).sum() };
     let entries: Vec<Vec<f64>> = (0..n)
         .into_par_iter()
-        .map(|i| (0..=i).map(|j| over(&columns[i], &columns[j])).chain([over(&columns[i], y)]).collect())
+        .map(|i| (0..=i).map(|j| over(&columns[i], &columns[j], weight)).collect())
         .collect();
-    // Scaled to a unit diagonal; a trace of ridge for columns that say nothing.
     let size: Vec<f64> = (0..n).map(|i| entries[i][i].sqrt().max(1e-150)).collect();
     let mut normal = Mat::<f64>::zeros(n, n);
-    let mut right = Mat::<f64>::zeros(n, 1);
     for i in 0..n {
         for j in 0..=i {
             let value = entries[i][j] / (size[i] * size[j]);
             normal[(i, j)] = value;
             normal[(j, i)] = value;
         }
+        // A trace of ridge for columns that say nothing.
         normal[(i, i)] = (entries[i][i] / (size[i] * size[i])) * (1.0 + damping) + 1e-9;
-        right[(i, 0)] = entries[i][i + 1] / size[i];
     }
+    (normal, size)
+}
+
+fn over(a: &[f64], b: &[f64], weight: &[f64]) -> f64 {
+    a.iter().zip(b).zip(weight).map(|((a, b), w)| a * b * w).sum()
+}
+
+/// Weighted least squares with a damped diagonal; `None` where it has no solution.
+pub(crate) fn solved(columns: &[Vec<f64>], y: &[f64], weight: &[f64], damping: f64) -> Option<Vec<f64>> {
+    let (normal, size) = normal(columns, weight, damping);
+    let right: Vec<f64> =
+        columns.par_iter().zip(&size).map(|(column, size)| over(column, y, weight) / size).collect();
+    let right = Mat::<f64>::from_fn(right.len(), 1, |i, _| right[i]);
     let solution = normal.llt(Side::Lower).ok()?.solve(&right);
-    let out: Vec<f64> = (0..n).map(|i| solution[(i, 0)] / size[i]).collect();
+    let out: Vec<f64> = (0..size.len()).map(|i| solution[(i, 0)] / size[i]).collect();
     out.iter().all(|v| v.is_finite()).then_some(out)
+}
+
+/// Covariance of the columns' amplitudes where `weight` are inverse variances.
+pub(crate) fn covariance(columns: &[Vec<f64>], weight: &[f64]) -> Option<Mat<f64>> {
+    let (normal, size) = normal(columns, weight, 0.0);
+    let inverse = normal.llt(Side::Lower).ok()?.inverse();
+    Some(Mat::from_fn(size.len(), size.len(), |i, j| inverse[(i, j)] / (size[i] * size[j])))
 }
 
 /// Weighted squares that columns leave.

@@ -96,8 +96,9 @@ impl Sight {
         let known = known.filter(|(other, _)| state.alike(other, Stage::Stray));
         let light = known.map_or_else(
             || {
-                let stray =
-                    |bins: Option<Grid>, part: &Part| Some(self.scattered(bins.as_ref().unwrap_or(&sharp), part));
+                let stray = |bins: Option<Grid>, part: &Part| {
+                    Some(self.scattered(bins.as_ref().unwrap_or(&sharp), part))
+                };
                 state.at(Stage::Stray).fold(None, stray).map_or_else(|| Arc::clone(&sharp), Arc::new)
             },
             |(_, stages)| Arc::clone(&stages.light),

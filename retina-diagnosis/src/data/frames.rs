@@ -9,6 +9,7 @@ use retina_files::InputError;
 use retina_formats::{Channel, EffectId, FramesEffect, TableKind};
 
 use super::{Baseline, Covariate, Dataset, Flip, Group, RowFrame, Term};
+use crate::pixel_noise::{Neighbours, White, white_noise};
 
 /// A named column over the pixels, DN per unit of its amplitude.
 #[derive(Debug, Clone)]
@@ -67,12 +68,18 @@ pub struct Pixels {
     pub groups: Vec<(String, usize)>,
     /// What errors may depend on.
     pub covariates: Vec<Covariate>,
+    /// Pixels nearer than this share noise, px: of pictures that were compressed or interpolated.
+    pub shared_within_px: f64,
     /// ln of a quantity that the noise depends on.
     pub noise_key: Vec<f64>,
     /// Smallest standard deviation that a pixel can have, DN: that of its rounding.
     pub least_noise: f64,
+    /// Noise of each pixel by itself, where it is known already: one image has one noise, whatever is predicted.
+    pub white: Option<White>,
     /// What is always fitted: derivatives of the prediction by its own parameters, with the parameters' values.
     pub baseline: Vec<(PixelColumn, f64)>,
+    /// Where each image's body is, in the present state.
+    pub placements: Vec<Placement>,
     /// The catalogue's effects that are no parts.
     pub effects: Vec<PixelEffect>,
     /// Effects that are parts of the prediction, in their order.
@@ -85,17 +92,41 @@ pub struct Pixels {
     pub notes: Vec<String>,
 }
 
+/// A number with its standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measure {
+    /// The number.
+    pub value: f64,
+    /// Its standard deviation under the model that was fitted.
+    pub sigma: f64,
+}
+
+/// Where the body of an image is seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Placement {
+    /// The image's file name.
+    pub image: String,
+    /// The body's middle as the table predicts it, px.
+    pub predicted_px: [f64; 2],
+    /// The same as it is seen, px.
+    pub seen_px: [Measure; 2],
+    /// By how much it is turned, rad.
+    pub roll_rad: Measure,
+    /// Its relative change of size.
+    pub scale: Measure,
+}
+
 /// Most pixels that are taken at once.
 pub const MOST_PIXELS: usize = 50_000;
 /// Fewest pixels that anything can be said of.
 const FEWEST_PIXELS: usize = 64;
 
 impl Dataset {
-    /// Pixels as data.
+    /// Pixels as data. Noise that is not known is estimated from neighbours.
     ///
     /// # Errors
     /// Too few or too many of them.
-    pub fn of_pixels(pixels: Pixels) -> Result<Self, InputError> {
+    pub fn of_pixels(mut pixels: Pixels) -> Result<Self, InputError> {
         let rows = pixels.measured.len();
         let file = pixels.files.first().cloned().unwrap_or_default();
         if !(FEWEST_PIXELS..=MOST_PIXELS).contains(&rows) {
@@ -106,6 +137,16 @@ impl Dataset {
                     "look at the mask, the exposure (saturated and dark pixels are left out), and the scene",
                 ));
         }
+        pixels.white = pixels.white.take().or_else(|| {
+            white_noise(Neighbours {
+                measured: &pixels.measured,
+                predicted: &pixels.predicted,
+                place: &pixels.place,
+                pitch_px: pixels.pitch_px,
+                left: None,
+                least_noise: pixels.least_noise,
+            })
+        });
         let in_table = |value: f64| RowFrame { measured: [value, 0.0], to_table: [[1.0, 0.0], [0.0, 0.0]] };
         Ok(Self {
             kind: TableKind::Frames,

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
 pub(crate) use frames::term as pixel_term;
-pub use frames::{MOST_PIXELS, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels};
+pub use frames::{MOST_PIXELS, Measure, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels, Placement};
 pub use lens::{FittedLens, lens_of_fit};
 pub(crate) use phase::lambert_magnitude;
 pub use read::{Baseline, Source};
@@ -236,6 +236,11 @@ impl Dataset {
     pub(crate) fn fitted_part(&self) -> Option<Self> {
         const MOST: usize = 200_000;
         self.held.as_ref().and_then(|_| self.thinned(MOST))
+    }
+
+    /// What distances of neighbours are counted in.
+    pub(crate) fn px_name(&self) -> &'static str {
+        if self.pixels.is_some() { "px of the image" } else { "px of the screen" }
     }
 
     /// Components of a row.

@@ -160,11 +160,9 @@ pub struct NightSide {
     pub candidates: Vec<Candidate>,
 }
 
-/// Upper tail of the normal distribution for x of 1 or more: its continued fraction (Abramowitz and Stegun, 26.2.14).
+/// Upper tail of the normal distribution.
 pub fn normal_tail(x: f64) -> f64 {
-    const TERMS: usize = 200;
-    let fraction = (1..=TERMS).rev().fold(0.0, |rest, k| k as f64 / (x + rest));
-    (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt() / (x + fraction)
+    0.5 * libm::erfc(x * std::f64::consts::FRAC_1_SQRT_2)
 }
 
 /// The threshold that the sum of 3 x 3 pixels' normal noise exceeds `expected` times among so many. Detections are fewer:
