@@ -18,6 +18,9 @@ const BETTER: f64 = 1e-3;
 /// Forms are changed at most this often beside one set of parts.
 const TURNS: usize = 6;
 
+/// States on the way to a prediction.
+pub(crate) struct Kept(Vec<(String, State)>);
+
 /// A state with what its forms are judged by.
 struct Judged {
     predicted: Predicted,
@@ -59,6 +62,43 @@ impl FrameSet {
         if self.history.len() > 1 {
             self.history.pop();
         }
+        if let Some((_, state)) = self.history.last() {
+            self.state = state.clone();
+        }
+    }
+
+    /// What [`FrameSet::restore`] goes back to.
+    pub(crate) fn keep(&self) -> Kept {
+        Kept(self.history.clone())
+    }
+
+    pub(crate) fn restore(&mut self, kept: Kept) {
+        self.history = kept.0;
+        if let Some((_, state)) = self.history.last() {
+            self.state = state.clone();
+        }
+    }
+
+    /// Takes an effect out of the prediction and of all states on the way to it, each fitted anew.
+    pub(crate) fn remove(&mut self, id: &str) {
+        let without = |state: &State| {
+            let parts = state.parts.iter().filter(|part| part.id.name() != id).cloned().collect();
+            State { parts, ..state.clone() }
+        };
+        let label = format!("+ {id}");
+        let kept: Vec<(String, State)> =
+            self.history.iter().filter(|(own, _)| *own != label).cloned().collect();
+        self.history = kept
+            .into_iter()
+            .map(|(own, state)| {
+                if state.parts.iter().all(|part| part.id.name() != id) {
+                    return (own, state);
+                }
+                let state = without(&state);
+                let parameters = self.parameters(&state);
+                (own, solve::fit(self.view(), Predicted::of(self.view(), state), &parameters).state)
+            })
+            .collect();
         if let Some((_, state)) = self.history.last() {
             self.state = state.clone();
         }

@@ -22,7 +22,7 @@ pub(crate) enum Change {
     Blur,
     /// [variance at r = 1, px^2]: grows as r^4.
     FieldBlur,
-    /// [third moment at r = 1, px^3].
+    /// [c, px]: Seidel's, the length of a third of its tail at r = 1.
     Coma,
     /// [difference of variances at r = 1, px^2].
     Astigmatism,
@@ -65,7 +65,7 @@ impl Change {
             Self::Relief | Self::Shadow | Self::Glare { .. } | Self::MeanGlare | Self::Ghost => one("share"),
             Self::Blur => one("variance_px2"),
             Self::FieldBlur => one("variance_at_edge_px2"),
-            Self::Coma => one("moment_at_edge_px3"),
+            Self::Coma => one("sagittal_at_edge_px"),
             Self::Astigmatism => one("variance_difference_at_edge_px2"),
             Self::Vignetting { .. } => one("loss_at_edge"),
             Self::DarkLevel => one("dn"),
@@ -253,7 +253,12 @@ fn forms(effect: FramesEffect, can: &Abilities) -> Result<Vec<Form>, String> {
         E::TerrainShadow => when(can.mesh, single(Change::Shadow), mesh),
         E::Defocus => Ok(blurs(Change::Blur)),
         E::FieldCurvature => when(in_field, blurs(Change::FieldBlur), field),
-        E::Coma => aside(Change::Coma),
+        E::Coma => when(
+            can.axis[1] > 0.02,
+            // Its spread grows with the square: it is looked for at some sizes, on both sides.
+            [0.5, 2.0, 6.0, -0.5, -2.0, -6.0].map(|probe| Form { change: Change::Coma, probe, shape: Vec::new() }).to_vec(),
+            "the body stands on the axis: a frame with it elsewhere",
+        ),
         E::Astigmatism => aside(Change::Astigmatism),
         E::VeilingGlare => {
             let mut glares: Vec<Form> = [2.0, 4.0, 8.0, 16.0]

@@ -89,17 +89,6 @@ impl Grid {
         out
     }
 
-    /// Central differences along x and y, per cell.
-    pub(crate) fn gradient(&self) -> [Self; 2] {
-        let along = |dx: i64, dy: i64| {
-            Self::from_fn(self.columns, self.rows, |x, y| {
-                let (x, y) = (x as i64, y as i64);
-                0.5 * (self.held(x + dx, y + dy) - self.held(x - dx, y - dy))
-            })
-        };
-        [along(1, 0), along(0, 1)]
-    }
-
     /// Averages over squares of `side` cells.
     pub(crate) fn averaged(&self, side: usize) -> Self {
         let (columns, rows) = (self.columns / side, self.rows / side);

@@ -1,5 +1,7 @@
 //! The predicted pixel: surface, optics, detector.
 
+use std::f64::consts::TAU;
+
 use glam::{DMat2, DVec2};
 use retina_formats::FramesEffect;
 
@@ -45,6 +47,10 @@ pub(crate) struct Sight {
 
 /// Derivatives of images are taken after a blur of this variance, px^2: edges have none.
 const SMOOTHED_PX2: f64 = 0.3;
+
+/// Rays of the pupil through which coma is seen: rings of equal area, and directions of twice the pupil's angle.
+const COMA_RINGS: usize = 4;
+const COMA_ANGLES: usize = 8;
 
 impl Sight {
     /// Digital numbers of light.
@@ -191,13 +197,7 @@ impl Sight {
                     cells.values[at] + share * (wide.values[at] - cells.values[at])
                 })
             }
-            Change::Coma => {
-                let [xx, _, yy] = second(&cells.blurred(SMOOTHED_PX2 * per_px * per_px));
-                let [gx, gy] = xx.map2(&yy, |a, b| a + b).gradient();
-                let along = gx.map2(&gy, |x, y| (f64::from(x) * radial.x + f64::from(y) * radial.y) as f32);
-                let factor = (a * r * per_px.powi(3)) as f32;
-                cells.map2(&along, |light, d| light - factor * d)
-            }
+            Change::Coma => self.comatic(cells, a),
             Change::Astigmatism => {
                 let [xx, xy, yy] = second(&cells.blurred(SMOOTHED_PX2 * per_px * per_px));
                 // Second derivatives along and across the radius: a turn by twice its angle.
@@ -209,6 +209,29 @@ impl Sight {
             }
             _ => cells.clone(),
         }
+    }
+
+    /// Through Seidel's coma (W. J. Smith, Modern Optical Engineering, ch. 3): a ray at rho, theta in the pupil meets the
+    /// image at c r (rho^2 (2 + cos 2 theta) along the radius, rho^2 sin 2 theta across), in px, with r from the axis,
+    /// 1 at half the camera's width. The rays' mean, c r, is left out: the pose has it.
+    fn comatic(&self, cells: &Grid, c: f64) -> Grid {
+        let rays: Vec<DVec2> = (0..COMA_RINGS * COMA_ANGLES)
+            .map(|k| {
+                let rho2 = ((k / COMA_ANGLES) as f64 + 0.5) / COMA_RINGS as f64;
+                let twice_theta = TAU * ((k % COMA_ANGLES) as f64 + 0.5) / COMA_ANGLES as f64;
+                DVec2::new(rho2 * (2.0 + twice_theta.cos()) - 1.0, rho2 * twice_theta.sin())
+            })
+            .collect();
+        let per_px = self.window.cells_per_px();
+        let corner = DVec2::new(self.window.left as f64, self.window.top as f64);
+        let spline = cells.spline();
+        Grid::from_fn(cells.columns, cells.rows, |x, y| {
+            let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+            // From the axis, over half the width: its length is r and its direction the radius.
+            let radius = (corner + at / per_px - self.axis_px) / self.half_width_px;
+            let sum: f64 = rays.iter().map(|ray| spline.at(at - c * per_px * radius.rotate(*ray))).sum();
+            (sum / rays.len() as f64) as f32
+        })
     }
 
     /// Light that goes astray over many pixels.
