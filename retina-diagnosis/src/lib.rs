@@ -39,6 +39,7 @@ mod search;
 mod series;
 mod step;
 mod sufficient;
+mod uncertainty;
 mod unexplained;
 mod units;
 mod verdict;
@@ -64,7 +65,7 @@ pub use output::{compare_text, diagnose_text, effects_text, fit_text, write_pred
 pub use own::{OwnEffect, OwnParameter};
 pub use physical::Physical;
 pub use report::{
-    Shape, compare_page, diagnose_page, effects_page, fit_page, signature_svg, unexplained_shapes,
+    Shape, compare_page, diagnose_page, effects_page, fit_page, signature_svgs, unexplained_shapes,
 };
 pub use scatter::Noise;
 pub use step::Step;

@@ -6,7 +6,7 @@ use retina_report::{Page, Section};
 
 use crate::Calibrated;
 
-const PANEL_PX: [f64; 2] = [560.0, 400.0];
+const PANEL_PX: [f64; 2] = [400.0, 310.0];
 /// Half length of an error bar.
 const ERROR_SIGMAS: f64 = 1.0;
 
