@@ -54,7 +54,8 @@ fn a_table_becomes_a_calibration_that_warp_takes() {
     }
     // The inverse of r_u (1 + 2 r_u^2) is a series; up to degree 7 it leaves far less than an arcsecond here.
     assert!(json["heldout"]["percentiles_arcsec"]["99"].as_f64().unwrap() < 1.0, "{json}");
-    assert!(fs::read_to_string(at("report.html")).unwrap().matches("<svg").count() == 3);
+    // One a panel: two over magnitude, density and distribution, three over the field.
+    assert_eq!(fs::read_to_string(at("report.html")).unwrap().matches("<svg").count(), 7);
     assert_eq!(fs::read_to_string(at("residuals.csv")).unwrap().lines().count(), 361);
     image::GrayImage::from_pixel(160, 100, image::Luma([40])).save(at("in.png")).unwrap();
     let warped = retina()

@@ -11,6 +11,7 @@ use crate::noise::robust_fit;
 use crate::scatter::{Noise, noise};
 use crate::score::Frame;
 use crate::step::Step;
+use crate::uncertainty::correlation_of;
 
 /// Effects and baseline fitted to a table.
 pub struct Fit {
@@ -68,7 +69,7 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
     let noise = Noise::beside(noise(whole), &shifted, &robust);
     let estimate = estimate(&shifted, &base, &robust.weights);
     let n = names.len();
-    let sigma: Vec<f64> = (0..n).map(|i| estimate.covariance[i][i].sqrt()).collect();
+    let (sigma, correlation) = correlation_of(&estimate.covariance);
     if let Some(i) = (0..n).find(|&i| owner[i].is_some() && sigma[i] == 0.0) {
         return Err(InputError::new(
             "--effect",
@@ -77,16 +78,6 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
         .found(format!("`{}` does what the others do", names[i]))
         .help("leave one of them out: `retina effects ID` names those that look alike"));
     }
-    let correlation: Vec<Vec<f64>> = (0..n)
-        .map(|i| {
-            (0..n)
-                .map(|j| {
-                    let scale = sigma[i] * sigma[j];
-                    if scale > 0.0 { estimate.covariance[i][j] / scale } else { f64::from(u8::from(i == j)) }
-                })
-                .collect()
-        })
-        .collect();
     let mut notes = data.notes.clone();
     for i in 0..n {
         for j in 0..i {

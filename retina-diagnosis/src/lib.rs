@@ -40,6 +40,7 @@ mod search;
 mod series;
 mod step;
 mod sufficient;
+mod uncertainty;
 mod unexplained;
 mod units;
 mod verdict;
@@ -66,7 +67,7 @@ pub use own::{OwnEffect, OwnParameter};
 pub use physical::Physical;
 pub use pixel_noise::{Neighbours, White, white_noise};
 pub use report::{
-    Shape, compare_page, diagnose_page, effects_page, fit_page, signature_svg, unexplained_shapes,
+    Shape, compare_page, diagnose_page, effects_page, fit_page, signature_svgs, unexplained_shapes,
 };
 pub use scatter::Noise;
 pub use step::Step;

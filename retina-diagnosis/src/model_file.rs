@@ -13,7 +13,8 @@ use retina_geometry::Setup;
 use crate::added::{AddedEffect, adjusted};
 use crate::data::{ARCSEC_PER_RAD, Dataset};
 use crate::fit::Fit;
-use crate::linear::{Basis, cholesky};
+use crate::linear::Basis;
+use crate::uncertainty::independent_errors;
 
 /// Writes the model: its predictions at the table's own points, as a calibration of D and of D^-1 with irradiance, with
 /// the response of the calibration that was held fixed and the covariance that the fit and that calibration leave.
@@ -117,28 +118,16 @@ fn covariance(
     added: &[AddedEffect],
 ) -> Option<CovarianceRecord> {
     let base = adjusted(data, added).base;
-    let n = base.len();
-    let sigma: Vec<f64> = fit.parameters[..n].iter().map(|p| p.sigma.unwrap_or(0.0)).collect();
-    let correlation = faer::Mat::<f64>::from_fn(n, n, |i, j| fit.correlation[i][j]);
-    let factor = cholesky(&correlation)?;
+    let sigma: Vec<f64> = fit.parameters[..base.len()].iter().map(|p| p.sigma.unwrap_or(0.0)).collect();
     let stride = data.len().div_ceil(SAMPLE).max(1);
     let rows: Vec<usize> = (0..data.len()).step_by(stride).collect();
     let at = |column: &[f64], axis: usize| -> Vec<f64> {
         rows.iter().map(|&row| column[2 * row + axis] / ARCSEC_PER_RAD).collect()
     };
     // Independent errors of unit variance, axis by axis.
-    let mut errors: Vec<Vec<f64>> = Vec::new();
-    for k in 0..n {
-        let mut column = vec![0.0; data.y.len()];
-        for (j, base) in base.iter().enumerate().skip(k) {
-            let weight = sigma[j] * factor[(j, k)];
-            column.iter_mut().zip(base).for_each(|(sum, value)| *sum += weight * value);
-        }
-        errors.extend([at(&column, 0), at(&column, 1)]);
-    }
-    for column in data.field().map_or(&[][..], |field| &field.known) {
-        errors.extend([at(column, 0), at(column, 1)]);
-    }
+    let independent = independent_errors(data, &base, &sigma, &fit.correlation)?;
+    let errors: Vec<Vec<f64>> =
+        independent.iter().flat_map(|column| [at(column, 0), at(column, 1)]).collect();
     // Monomials about 1 at the camera's edge: the covariance's own scale is put back at the end.
     let (x, y) = (data.values("x"), data.values("y"));
     let l = data.values("log10_irradiance");

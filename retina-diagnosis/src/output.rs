@@ -118,7 +118,7 @@ fn chosen(parameter: &Parameter) -> String {
 }
 
 /// Decimals that show a number to two digits; none of a large one.
-fn decimals(value: f64) -> usize {
+pub(crate) fn decimals(value: f64) -> usize {
     let magnitude = value.abs().log10().floor();
     if magnitude.is_finite() { (1.0 - magnitude).clamp(0.0, 12.0) as usize } else { 0 }
 }

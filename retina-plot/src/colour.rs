@@ -110,3 +110,34 @@ pub fn wavelength_colour(wavelength_nm: f64) -> Colour {
         _ => Colour(0xa5, 0x10, 0x1c),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Relative luminance of sRGB (IEC 61966-2-1).
+    fn luminance(colour: Colour) -> f64 {
+        let linear = |v: u8| {
+            let v = f64::from(v) / 255.0;
+            if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+        };
+        0.2126 * linear(colour.0) + 0.7152 * linear(colour.1) + 0.0722 * linear(colour.2)
+    }
+
+    /// Zero is grey without a hue and the lightest; both sides darken alike and differ in hue, which is told by red
+    /// against blue: no one who confuses red and green confuses them.
+    #[test]
+    fn signed_values_are_told_by_a_neutral_middle_and_two_hues() {
+        let map = ColourMap::Diverging;
+        let zero = map.colour(0.5);
+        assert!(zero.0 == zero.1 && zero.1 == zero.2);
+        for k in 1..=8 {
+            let t = f64::from(k) / 16.0;
+            let (below, above) = (map.colour(0.5 - t), map.colour(0.5 + t));
+            assert!(below.2 > below.0 && above.0 > above.2, "{below} {above}");
+            let (low, high) = (luminance(below), luminance(above));
+            assert!(low < luminance(zero) && high < luminance(zero));
+            assert!((low - high).abs() < 0.16, "{k}: {low} {high}");
+        }
+    }
+}

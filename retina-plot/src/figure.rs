@@ -22,9 +22,21 @@ impl Figure {
         Self { title: title.into(), rows, columns, panel_px, panels: Vec::new() }
     }
 
+    /// The title of the whole.
+    pub fn title(&self) -> &str {
+        &self.title
+    }
+
     /// Puts a panel into a cell; one outside the grid is not shown.
     pub fn put(&mut self, row: usize, column: usize, panel: Panel) {
         self.panels.push((row, column, panel));
+    }
+
+    /// Each panel as an SVG of its own, row by row: a page lays them out by its width.
+    pub fn panel_svgs(&self) -> Vec<String> {
+        let mut order: Vec<&(usize, usize, Panel)> = self.panels.iter().collect();
+        order.sort_by_key(|(row, column, _)| (*row, *column));
+        order.into_iter().map(|(_, _, panel)| panel.to_svg(self.panel_px)).collect()
     }
 
     /// The figure as SVG text.
@@ -69,12 +81,12 @@ mod tests {
         figure.to_svg()
     }
 
-    /// The plot area is 54 px from the left, 26 + 28 from the top, 332 x 234: worked out by hand.
+    /// The plot area is 54 px from the left, 28 + 26 + 15 from the top (titles, legend), 332 x 217: worked out by hand.
     #[test]
     fn data_stand_where_the_axes_say() {
         let svg = example();
-        assert!(svg.contains("M54 288L386 54"), "the diagonal:\n{svg}");
-        assert!(svg.contains("M220 171h0\""), "the dot in the middle, the one outside left out");
+        assert!(svg.contains("M54 286L386 69"), "the diagonal:\n{svg}");
+        assert!(svg.contains("M220 177.5h0\""), "the dot in the middle, the one outside left out");
         assert!(svg.contains("t &amp; u") && svg.contains("a&lt;b"));
         // Two cells of one colour are one rectangle; NaN is none.
         assert_eq!(svg.matches("fill=\"#440154\"").count(), 1);

@@ -1,7 +1,8 @@
 //! Plots for engineers as deterministic SVG, and as PNG: the same data give the same bytes.
 //!
 //! A [`Figure`] is a grid of [`Panel`]s. A panel has two [`Axis`]es and items in data coordinates: lines,
-//! points, bands, polygons, circles, text, heat maps. Colours are those of Okabe and Ito, which people
+//! points, means with bars, bands, polygons, circles, arrows with a key, text, heat maps. A legend stands above the plot and
+//! hides no data. Colours are those of Okabe and Ito, which people
 //! with colour-vision deficiency can tell apart; [`wavelength_colour`] shows light as the eye would.
 //!
 //! ```
@@ -13,17 +14,22 @@
 //! assert!(figure.to_svg().starts_with("<svg"));
 //! ```
 
+mod arrows;
 mod axis;
 mod colour;
+mod draw;
 mod figure;
 mod font;
+mod heat;
 mod panel;
 mod picture;
 mod raster;
 mod svg;
 
+pub use arrows::Arrows;
 pub use axis::Axis;
 pub use colour::{Colour, ColourMap, PALETTE, heat_colour, wavelength_colour};
 pub use figure::Figure;
-pub use panel::{Anchor, HeatMap, Panel, Style};
+pub use heat::HeatMap;
+pub use panel::{Anchor, Panel, Style};
 pub use raster::{RasterError, png};

@@ -1,10 +1,10 @@
 //! Heat maps of many cells as images inside the drawing: a byte a cell before compression, where rectangles take sixty.
 
 use crate::colour::ColourMap;
-use crate::panel::HeatMap;
+use crate::heat::HeatMap;
 
-/// Shades beside the transparent one.
-const SHADES: usize = 64;
+/// Shades beside the transparent one. Their number is odd: the middle of a diverging map is a shade of its own.
+pub(crate) const SHADES: usize = 65;
 /// Index of the cells that have no value.
 const NONE: u8 = SHADES as u8;
 

@@ -88,15 +88,43 @@ impl Svg {
         self.push(format_args!("<path d=\"{d}\" {stroke}{dash} fill=\"{fill}\"/>"));
     }
 
-    pub(crate) fn dots(&mut self, points: &[[f64; 2]], radius: f64, colour: Colour) {
+    /// Strokes from point to point, each by itself.
+    pub(crate) fn segments(&mut self, strokes: &[[[f64; 2]; 2]], colour: Colour, width: f64) {
+        let mut d = String::with_capacity(strokes.len() * 28);
+        for [from, to] in strokes {
+            let _ = write!(d, "M{} {}L{} {}", px(from[0]), px(from[1]), px(to[0]), px(to[1]));
+        }
+        if !d.is_empty() {
+            self.push(format_args!(
+                "<path class=\"segments\" d=\"{d}\" stroke=\"{colour}\" stroke-width=\"{}\" fill=\"none\"/>",
+                px(width)
+            ));
+        }
+    }
+
+    /// Filled triangles.
+    pub(crate) fn triangles(&mut self, corners: &[[[f64; 2]; 3]], colour: Colour) {
+        let mut d = String::with_capacity(corners.len() * 42);
+        for [a, b, c] in corners {
+            let at = |point: &[f64; 2]| format!("{} {}", px(point[0]), px(point[1]));
+            let _ = write!(d, "M{}L{}L{}Z", at(a), at(b), at(c));
+        }
+        if !d.is_empty() {
+            self.push(format_args!("<path d=\"{d}\" stroke=\"none\" fill=\"{colour}\"/>"));
+        }
+    }
+
+    pub(crate) fn dots(&mut self, points: &[[f64; 2]], radius: f64, colour: Colour, opacity: f64) {
         // Zero-length strokes with round caps: a sixth of the bytes of circles.
         let mut d = String::with_capacity(points.len() * 16);
         for point in points {
             let _ = write!(d, "M{} {}h0", px(point[0]), px(point[1]));
         }
+        let faint =
+            if opacity < 1.0 { format!(" stroke-opacity=\"{}\"", px(opacity)) } else { String::new() };
         if !d.is_empty() {
             self.push(format_args!(
-                "<path d=\"{d}\" stroke=\"{colour}\" stroke-width=\"{}\" stroke-linecap=\"round\" fill=\"none\"/>",
+                "<path d=\"{d}\" stroke=\"{colour}\"{faint} stroke-width=\"{}\" stroke-linecap=\"round\" fill=\"none\"/>",
                 px(2.0 * radius)
             ));
         }

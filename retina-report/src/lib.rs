@@ -5,6 +5,7 @@
 
 mod join;
 mod page;
+mod style;
 
 pub use join::join;
 pub use page::{Page, Section};

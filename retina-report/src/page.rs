@@ -5,24 +5,14 @@ use std::path::Path;
 
 use retina_files::{InputError, write_atomic};
 
-// Figures keep white paper in the dark: their inks are made for it.
-const STYLE: &str = ":root{--ink:#222;--paper:#fff;--shade:#f6f6f6;--line:#ddd;--faint:#555}\
-    @media(prefers-color-scheme:dark){:root{--ink:#ddd;--paper:#181818;--shade:#242424;--line:#444;--faint:#aaa}\
-    figure svg,figure img{background:#fff}}\
-    body{font:15px/1.5 sans-serif;max-width:1400px;margin:2em auto;padding:0 1em;color:var(--ink);background:var(--paper)}\
-    pre{background:var(--shade);padding:1em;overflow-x:auto}svg,img{max-width:100%;height:auto}\
-    .wide{overflow-x:auto}table{border-collapse:collapse}\
-    th,td{padding:.2em .8em;border-bottom:1px solid var(--line);text-align:right}\
-    th:first-child,td:first-child{text-align:left}figcaption{color:var(--faint);max-width:60em}figure{margin:1em 0}\
-    .card{border:1px solid var(--line);border-left:.5em solid #0072b2;background:var(--shade);padding:.6em 1em;margin:1em 0}\
-    .card h2{margin:.1em 0 .4em}.card dl{display:grid;grid-template-columns:max-content 1fr;gap:.2em 1em;margin:0}\
-    .card dt{color:var(--faint)}.card dd{margin:0}\
-    @media(max-width:600px){.card dl{display:block}.card dd{margin:0 0 .4em}}\
-    article+article{border-top:2px solid var(--line);margin-top:3em}";
+use crate::style::STYLE;
 
 /// What stands around the part of a page that [`crate::join`] takes over.
 pub(crate) const BEGIN: &str = "<!-- retina.report/1 ";
 pub(crate) const END: &str = "<!-- end of retina.report/1 -->";
+
+/// A cell of a table with more characters than this is no figure.
+const LONGEST_FIGURE: usize = 24;
 
 /// Text as it may stand in HTML.
 fn escape(text: &str) -> String {
@@ -92,11 +82,21 @@ impl Section {
         self
     }
 
-    /// A table; its first column is text, the others are figures.
+    /// A table; its first column is text, the others are figures unless their cells are long.
     #[must_use]
     pub fn table(mut self, headings: &[&str], rows: &[Vec<String>]) -> Self {
+        // A column of long cells is text whatever its place.
+        let is_text = |k: usize| {
+            rows.iter().any(|row| row.get(k).is_some_and(|cell| cell.chars().count() > LONGEST_FIGURE))
+        };
+        let class: Vec<&str> =
+            (0..headings.len()).map(|k| if is_text(k) { " class=\"text\"" } else { "" }).collect();
         let cells = |tag: &str, cells: &mut dyn Iterator<Item = &str>| -> String {
-            cells.map(|cell| format!("<{tag}>{}</{tag}>", escape(cell))).collect()
+            let class = |k: usize| class.get(k).copied().unwrap_or_default();
+            cells
+                .enumerate()
+                .map(|(k, cell)| format!("<{tag}{}>{}</{tag}>", class(k), escape(cell)))
+                .collect()
         };
         let _ = writeln!(
             self.body,
@@ -115,10 +115,26 @@ impl Section {
     pub fn figure(mut self, svg: &str, caption: &str) -> Self {
         let _ = writeln!(
             self.body,
-            "<figure>\n{}\n<figcaption>{}</figcaption></figure>",
+            "<figure>\n<div class=\"wide\">{}</div>\n<figcaption>{}</figcaption></figure>",
             svg.trim(),
             escape(caption)
         );
+        self
+    }
+
+    /// Panels as SVGs of their own, as many beside each other as the page's width takes, with what they show beneath them;
+    /// nothing where there are none.
+    #[must_use]
+    pub fn figures<T: AsRef<str>>(mut self, svgs: &[T], caption: &str) -> Self {
+        if !svgs.is_empty() {
+            let svgs: Vec<&str> = svgs.iter().map(|svg| svg.as_ref().trim()).collect();
+            let _ = writeln!(
+                self.body,
+                "<figure>\n<div class=\"figures\">\n{}\n</div>\n<figcaption>{}</figcaption></figure>",
+                svgs.join("\n"),
+                escape(caption)
+            );
+        }
         self
     }
 
@@ -190,6 +206,24 @@ mod tests {
         for wrong in ["<script>", "a < b", "x & y", "<li><li>", "<pre><pre>", "<th><th>"] {
             assert!(!html.contains(wrong), "{wrong}");
         }
+        assert!(!html.contains("class=\"text\""));
         assert!(html.contains("&quot;q&quot;") && html.contains("<title>a &lt; b</title>"));
+    }
+
+    /// Panels lie in a grid of their own; a long cell makes its column, and no other, one of text.
+    #[test]
+    fn panels_and_text_have_their_places() {
+        let long = "a = 1.00 \u{b1} 0.01; b = 2.00 \u{b1} 0.02";
+        let page = Page::new("fit", "t").section(
+            Section::new("")
+                .figures(&["<svg>1</svg>", "<svg>2</svg>"], "two")
+                .figures::<&str>(&[], "none")
+                .table(&["name", "p", "parameters"], &[vec!["n".into(), "0.1".into(), long.into()]]),
+        );
+        let html = page.html();
+        assert!(html.contains("<div class=\"figures\">\n<svg>1</svg>\n<svg>2</svg>\n</div>"));
+        assert!(!html.contains("none</figcaption>"));
+        assert!(html.contains("<td>n</td><td>0.1</td><td class=\"text\">a = 1.00"));
+        assert_eq!(html.matches("class=\"text\"").count(), 2);
     }
 }

@@ -6,7 +6,7 @@ use retina_report::{Page, Section};
 
 use crate::Calibrated;
 
-const PANEL_PX: [f64; 2] = [560.0, 400.0];
+const PANEL_PX: [f64; 2] = [400.0, 310.0];
 /// Half length of an error bar.
 const ERROR_SIGMAS: f64 = 1.0;
 
@@ -22,18 +22,17 @@ fn colour(channel: Channel) -> Colour {
 /// Two SVG figures: a pixel's irradiance against count for each channel with readings and error bars
 /// (Fig. 6), and effective irradiance and magnitude at equal counts (Fig. 7).
 pub fn figures(calibrated: &Calibrated) -> [String; 2] {
-    [channels(calibrated), magnitudes(calibrated)]
+    [channels(calibrated), magnitudes(calibrated)].map(|figure| figure.to_svg())
 }
 
-fn channels(calibrated: &Calibrated) -> String {
+fn channels(calibrated: &Calibrated) -> Figure {
     let lowest = calibrated.fits.iter().map(|fit| fit.irradiance_w_m2[1]).fold(f64::MAX, f64::min);
     let highest = calibrated.fits.iter().map(|fit| fit.full_w_m2.value).fold(0.0, f64::max);
     let mut panel = Panel::new(
         Axis::linear("digital count B").range(0.0, 255.0),
         Axis::log("irradiance of a pixel (W m\u{207b}\u{b2})").range(lowest, 2.0 * highest),
     )
-    .title(format!("Response of {}", calibrated.calibration.setup))
-    .legend_left();
+    .title(format!("Response of {}", calibrated.calibration.setup));
     for fit in &calibrated.fits {
         let ink = colour(fit.channel);
         let curve: Vec<[f64; 2]> = (1..256).map(|b| [b as f64, fit.irradiance_w_m2[b]]).collect();
@@ -49,10 +48,10 @@ fn channels(calibrated: &Calibrated) -> String {
     }
     let mut figure = Figure::new("", 1, 1, PANEL_PX);
     figure.put(0, 0, panel);
-    figure.to_svg()
+    figure
 }
 
-fn magnitudes(calibrated: &Calibrated) -> String {
+fn magnitudes(calibrated: &Calibrated) -> Figure {
     let calibration = &calibrated.calibration;
     let range = calibration.magnitude_range();
     let grey =
@@ -77,12 +76,11 @@ fn magnitudes(calibrated: &Calibrated) -> String {
     let mut figure = Figure::new("", 1, 2, PANEL_PX);
     figure.put(0, 0, light);
     figure.put(0, 1, magnitude);
-    figure.to_svg()
+    figure
 }
 
 /// One page with both figures and the text of the summary.
 pub fn report_page(calibrated: &Calibrated, summary: &[String]) -> Page {
-    let [response, magnitudes] = figures(calibrated);
     let warnings: Vec<String> = calibrated
         .fits
         .iter()
@@ -94,13 +92,13 @@ pub fn report_page(calibrated: &Calibrated, summary: &[String]) -> Page {
         &format!("Radiometric calibration of {}", calibrated.calibration.setup),
     )
     .section(Section::new("").lines(summary).list(&warnings))
-    .section(Section::new("Response of the channels").figure(
-        &response,
+    .section(Section::new("Response of the channels").figures(
+        &channels(calibrated).panel_svgs(),
         "Irradiance of one pixel at the camera's pupil against its digital count: the fit, and the readings with one \
          standard deviation (the paper's Fig. 6).",
     ))
-    .section(Section::new("Effective irradiance and magnitude").figure(
-        &magnitudes,
+    .section(Section::new("Effective irradiance and magnitude").figures(
+        &magnitudes(calibrated).panel_svgs(),
         "At equal counts of the three channels, weighted by the camera's relative efficiency (eqs. 7, 9, 10; the \
          paper's Fig. 7).",
     ))

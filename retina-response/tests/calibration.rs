@@ -211,7 +211,8 @@ fn the_documents_say_what_was_found() {
     assert_eq!(json["magnitude_range"][0], made.calibration.magnitude_range().brightest);
     let lines = summary(&made, &wide);
     let page = report_page(&made, &lines).html();
-    assert_eq!(page.matches("<svg").count(), 2);
+    // One a panel: the channels, the light, the magnitudes.
+    assert_eq!(page.matches("<svg").count(), 3);
     assert!(!page.contains("<script") && !page.contains("src=") && page.contains("blue"));
 }
 

@@ -4,13 +4,13 @@ use retina_plot::{Axis, Figure, HeatMap, PALETTE, Panel, Style};
 
 use super::calibrate::{GeometryCalibration, PointResult};
 
-const PANEL_PX: [f64; 2] = [470.0, 340.0];
+const PANEL_PX: [f64; 2] = [400.0, 310.0];
 /// Dots are thinned to this number: more are neither seen nor loaded quickly.
 const MOST_DOTS: usize = 6000;
 
-/// Names and SVG texts: errors over magnitude with and without irradiance terms, their density and distribution, and
+/// Names and figures: errors over magnitude with and without irradiance terms, their density and distribution, and
 /// residuals over the field. `plain` is the same data's calibration without irradiance terms.
-pub fn figures(result: &GeometryCalibration, plain: &GeometryCalibration) -> Vec<(&'static str, String)> {
+pub fn figures(result: &GeometryCalibration, plain: &GeometryCalibration) -> Vec<(&'static str, Figure)> {
     vec![
         ("error over magnitude", over_magnitude(result, plain)),
         ("density and distribution", distribution(result, plain)),
@@ -36,7 +36,7 @@ fn chosen_form(result: &GeometryCalibration) -> &'static str {
     }
 }
 
-fn over_magnitude(result: &GeometryCalibration, plain: &GeometryCalibration) -> String {
+fn over_magnitude(result: &GeometryCalibration, plain: &GeometryCalibration) -> Figure {
     let magnitude = |point: &PointResult| result.brightest_magnitude - 2.5 * point.log10_irradiance;
     let largest = {
         let mut errors: Vec<f64> = used(plain).map(|p| p.heldout_arcsec).collect();
@@ -66,10 +66,10 @@ fn over_magnitude(result: &GeometryCalibration, plain: &GeometryCalibration) -> 
         }
         figure.put(0, column, panel);
     }
-    figure.to_svg()
+    figure
 }
 
-fn distribution(result: &GeometryCalibration, plain: &GeometryCalibration) -> String {
+fn distribution(result: &GeometryCalibration, plain: &GeometryCalibration) -> Figure {
     let mut figure = Figure::new("Error of exposures left out (Fig. 11)", 1, 2, PANEL_PX);
     let mut largest = 1.0f64;
     let sorted = |of: &GeometryCalibration| {
@@ -104,11 +104,11 @@ fn distribution(result: &GeometryCalibration, plain: &GeometryCalibration) -> St
     cumulative.line("", &[[10.0, 0.0], [10.0, 1.0]], Style::thin(PALETTE[6]).dashed());
     figure.put(0, 0, density);
     figure.put(0, 1, cumulative);
-    figure.to_svg()
+    figure
 }
 
 /// Median error and mean residual in cells of the field.
-fn over_field(result: &GeometryCalibration) -> String {
+fn over_field(result: &GeometryCalibration) -> Figure {
     const CELLS: [usize; 2] = [24, 18];
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for point in used(result) {
@@ -154,15 +154,21 @@ fn over_field(result: &GeometryCalibration) -> String {
         )
         .title(title);
         let flipped: Vec<f64> = values.chunks(CELLS[0]).rev().flatten().copied().collect();
-        panel.heat(HeatMap {
+        let map = HeatMap {
             origin: [low[0] + 0.5 * pitch[0], -high[1] + 0.5 * pitch[1]],
             pitch,
             columns: CELLS[0],
             values: flipped,
             range,
             label: "arcsec".into(),
-        });
+        };
+        panel.hatch("no point", &map);
+        if range[0] < 0.0 {
+            panel.signed(map);
+        } else {
+            panel.heat(map);
+        }
         figure.put(0, column, panel);
     }
-    figure.to_svg()
+    figure
 }

@@ -27,8 +27,8 @@ pub fn write_report(
     let summary = text_summary(result, setup);
     let mut page = Page::new("calibrate geometry", &format!("Geometric calibration of {}", setup.name))
         .section(Section::new("").lines(&summary.lines().collect::<Vec<_>>()));
-    for (name, svg) in figures(result, &plain) {
-        page = page.section(Section::new(name).figure(&svg, ""));
+    for (name, figure) in figures(result, &plain) {
+        page = page.section(Section::new(name).figures(&figure.panel_svgs(), figure.title()));
     }
     let files = table.files.iter().map(|file| (file.path.as_path(), file.blake3.as_str()));
     page.section(Section::new("Input").files(files)).write(path)

@@ -168,6 +168,7 @@ impl Dataset {
             mounting: vec![0; rows],
             roll_rad: vec![0.0],
             half_tan: 1.0,
+            half_height: 1.0,
             display: None,
             screen_pixel_arcsec: 0.0,
             frame: pixels.measured.iter().map(|m| in_table(*m)).collect(),

@@ -129,6 +129,8 @@ pub struct Dataset {
     pub(crate) roll_rad: Vec<f64>,
     /// Scale that makes covariates x and y about 1 at the camera's edge: tangent of half its width (points).
     pub(crate) half_tan: f64,
+    /// The y of the camera's upper and lower edge, where x is 1 at the others: its height over its width (points).
+    pub(crate) half_height: f64,
     /// The chief rays at the display, where the lenses are known (points).
     pub(crate) display: Option<DisplayRays>,
     /// One pixel of the screen in arcsec (points).

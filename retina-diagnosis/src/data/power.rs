@@ -145,6 +145,7 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
         mounting: vec![0; rows],
         roll_rad: vec![0.0],
         half_tan: 1.0,
+        half_height: 1.0,
         display: None,
         screen_pixel_arcsec: 0.0,
         frame: (0..rows)

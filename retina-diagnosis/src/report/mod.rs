@@ -1,22 +1,23 @@
 //! Comparisons, diagnoses and fits as pages: plots first, then figures.
 
+mod card;
 mod shape;
 mod signature;
 
-use retina_plot::{Anchor, Axis, Figure, PALETTE, Panel, Style};
+use retina_formats::TableKind;
+use retina_plot::{Anchor, Axis, PALETTE, Panel, Style};
 use retina_report::{Page, Section};
 
 pub use shape::{Shape, unexplained_shapes};
-pub use signature::{effects_page, signature_svg};
+pub use signature::{effects_page, signature_svgs};
 
 use crate::added::AddedEffect;
 use crate::compare::Comparison;
 use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
-use crate::figure::figure_svg;
+use crate::figure::{View, svgs};
 use crate::fit::Fit;
-use crate::headline::headline;
-use crate::output::{compare_text, diagnose_text, fit_text, implausible_text};
+use crate::output::{compare_text, decimals, diagnose_text, fit_text, implausible_text};
 use crate::step::Step;
 
 /// Name of what a step adds, and its error.
@@ -49,17 +50,17 @@ pub fn compare_page(data: &Dataset, added: &[AddedEffect], result: &Comparison) 
         .iter()
         .map(|d| vec![d.covariates.join(", "), number(d.p_value), format!("{:.2} %", 100.0 * d.share)])
         .collect();
+    let view = View::of(data, added);
     let page = Page::new("compare", &title("Model and measurements", added))
-        .section(Section::new("").figure(
-            &figure_svg(data, added),
-            "What the model leaves: over the field, and against the columns. Outliers are not drawn.",
-        ))
-        .section(Section::new("Summary").lines(&compare_text(data, result)))
+        .section(card::compared(data, result, &view))
+        .section(field_section("Over the field", &view, view.field_panels()))
+        .section(columns_section("Against the columns", &view))
         .section(Section::new("What the errors depend on").table(&["columns", "p", "share"], &dependence))
         .section(
             Section::new("Worst groups")
                 .table(&["group", &format!("rms ({})", data.kind.unit()), "rows"], &groups),
-        );
+        )
+        .section(Section::new("In full").lines(&compare_text(data, result)));
     with_files(page, data)
 }
 
@@ -74,8 +75,8 @@ pub fn diagnose_page(data: &Dataset, added: &[AddedEffect], result: &Diagnosis, 
                 .parameters
                 .iter()
                 .map(|p| match p.sigma {
-                    Some(sigma) => format!("{} = {:.4} +- {:.4}", p.name, p.value, sigma),
-                    None => format!("{} = {:.4}", p.name, p.value),
+                    Some(sigma) => format!("{} = {}", p.name, with_sigma(p.value, sigma)),
+                    None => format!("{} = {}", p.name, rounded(p.value)),
                 })
                 .collect();
             vec![
@@ -86,58 +87,43 @@ pub fn diagnose_page(data: &Dataset, added: &[AddedEffect], result: &Diagnosis, 
             ]
         })
         .collect();
+    let before = View::of(data, added);
+    let after = explained(data, added, result);
     let mut page = Page::new("diagnose", &title(&format!("Diagnosis: {}", result.verdict.name()), added))
-        .section(Section::new("").card(&headline(data, result), &answers(data, result)))
-        .section(Section::new("The error of groups left out").figure(
-            &ladder_svg(&steps, result.noise.floor(), data.kind.unit()),
-            "Per component, weighted by the last model's noise, as effects are added. The dashed line is the noise, told apart from the model.",
+        .section(card::diagnosed(data, result, after.as_ref().unwrap_or(&before)))
+        .section(Section::new("Errors before and after").figures(
+            &before_and_after(data, &steps, result.noise.floor(), &before, after.as_ref()),
+            ladder_caption(data),
         ))
-        .section(Section::new("Errors before anything is added").figure(&figure_svg(data, added), ""));
-    for shape in shapes {
-        page = page.section(
-            Section::new(&format!("Not explained: {}", shape.covariate))
-                .figure(&shape.svg, "Means of the errors that are left, with their standard deviations.")
-                .text("To start an effect of one's own from (retina fit --effect FILE):")
-                .lines(&shape.formula.lines().collect::<Vec<_>>()),
-        );
+        .section(field_section("Over the field, before anything is added", &before, {
+            let mut panels = before.signed_over_field();
+            panels.extend(before.coverage());
+            panels.extend(before.uncertainty().filter(|_| after.is_none()));
+            panels
+        }))
+        .section(columns_section("Against the columns, before anything is added", &before));
+    if let Some(after) = &after {
+        page = page
+            .section(field_section("Over the field, with what was found", after, {
+                after.signed_over_field().into_iter().chain(after.uncertainty()).collect()
+            }))
+            .section(columns_section("Against the columns, with what was found", after));
+    }
+    if !shapes.is_empty() {
+        let svgs: Vec<&str> = shapes.iter().map(|shape| shape.svg.as_str()).collect();
+        let mut section = Section::new("Not explained")
+            .figures(&svgs, "Means of the errors that are left, with their standard deviations.")
+            .text("To start an effect of one's own from (retina fit --effect FILE):");
+        for shape in shapes {
+            section = section.lines(&shape.formula.lines().collect::<Vec<_>>());
+        }
+        page = page.section(section);
     }
     let error = format!("left out ({})", data.kind.unit());
     page = page
         .section(Section::new("Candidates").table(&["effect", "p", &error, "parameters"], &candidates))
         .section(Section::new("In full").lines(&diagnose_text(data, result)));
     with_files(page, data)
-}
-
-/// What was found, how sure it is, and what to do.
-fn answers(data: &Dataset, result: &Diagnosis) -> Vec<(&'static str, String)> {
-    let unit = data.kind.unit();
-    let mut out = vec![("Verdict", result.verdict.name().to_owned())];
-    for (own, physical) in result.accepted.iter().zip(&result.physical) {
-        let p_value = result.candidates.iter().find(|c| c.effect == *own).map_or(1.0, |c| c.p_value);
-        let sure = format!("{}: p = {p_value:.4}", own.replace('_', " "));
-        match physical {
-            Some(physical) => {
-                let name = physical.parameter.replace('_', " ");
-                let quantity =
-                    format!("{name} {:.4} +- {:.4} {}", physical.value, physical.sigma, physical.unit);
-                out.push(("Found", format!("{sure}, {quantity}")));
-                out.push(("What to do", physical.remedy.clone()));
-            }
-            None => out.push(("Found", sure)),
-        }
-    }
-    if let [first, .., last] = result.steps.as_slice() {
-        let (before, after) = (first.heldout_rms, last.heldout_rms);
-        out.push(("Error left out", format!("{before:.4} {unit} before, {after:.4} {unit} after")));
-    }
-    out.push((
-        "Noise",
-        format!("{:.4} {unit} (from {})", result.noise.floor(), result.noise.source.join(", ")),
-    ));
-    if let Some(next) = &result.next {
-        out.push(("Measure next", format!("{} ({})", next.action.replace('_', " "), next.value)));
-    }
-    out
 }
 
 /// What was fitted, and what it leaves.
@@ -168,16 +154,22 @@ pub fn fit_page(data: &Dataset, added: &[AddedEffect], result: &Fit) -> Page {
             cells
         })
         .collect();
+    let (before, after) = (View::of(data, &[]), View::of(data, added));
     let page = Page::new("fit", &title("Fit", added))
-        .section(Section::new("The error of groups left out").figure(
-            &ladder_svg(&steps, result.noise.floor(), data.kind.unit()),
-            "Per component, weighted by the last model's noise, as effects are added. The dashed line is the noise, told apart from the model.",
+        .section(card::fitted(data, added, result, &after))
+        .section(Section::new("Errors before and after").figures(
+            &before_and_after(data, &steps, result.noise.floor(), &before, Some(&after)),
+            ladder_caption(data),
         ))
-        .section(Section::new("Before").figure(&figure_svg(data, &[]), "What the baseline alone leaves."))
-        .section(Section::new("After").figure(&figure_svg(data, added), "What is left with the effects."))
+        .section(field_section("Over the field, with the effects", &after, {
+            let maps = [after.coverage(), after.uncertainty()].into_iter().flatten();
+            after.signed_over_field().into_iter().chain(maps).collect()
+        }))
+        .section(columns_section("Against the columns, with the effects", &after))
+        .section(columns_section("Against the columns, the baseline alone", &before))
         .section(Section::new("Parameters").table(&["parameter", "value", "sigma"], &parameters))
         .section(Section::new("Correlation").table(&headings, &correlation))
-        .section(Section::new("Summary").lines(&fit_text(data, result)));
+        .section(Section::new("In full").lines(&fit_text(data, result)));
     with_files(page, data)
 }
 
@@ -188,23 +180,132 @@ fn title(what: &str, added: &[AddedEffect]) -> String {
     }
 }
 
-/// Held-out error from step to step, and the noise floor.
-fn ladder_svg(steps: &[(String, f64)], noise_floor: f64, unit: &str) -> String {
-    let highest = steps.iter().map(|step| step.1).fold(noise_floor, f64::max);
-    let last = steps.len() as f64 - 1.0;
-    let mut panel = Panel::new(
-        Axis::linear("effects added").range(-0.3, last.max(1.0) + 0.7),
-        Axis::linear(format!("error ({unit})")).range(0.0, 1.15 * highest),
-    );
-    let points: Vec<[f64; 2]> = steps.iter().enumerate().map(|(i, step)| [i as f64, step.1]).collect();
-    panel.line("left out", &points, Style::line(PALETTE[0]));
-    panel.dots("", &points, Style::line(PALETTE[0]).width(3.0));
-    let floor = [[-0.3, noise_floor], [last.max(1.0) + 0.7, noise_floor]];
-    panel.line("noise floor", &floor, Style::line(PALETTE[1]).dashed());
-    for (point, (name, _)) in points.iter().zip(steps) {
-        panel.text(*point, [6.0, -6.0], name, 10.0, Anchor::Start);
+/// The model with the effects that were accepted. None where there are none, and none of frames: those effects are part
+/// of the prediction already.
+fn explained(data: &Dataset, added: &[AddedEffect], result: &Diagnosis) -> Option<View> {
+    if result.accepted.is_empty() || data.kind == TableKind::Frames {
+        return None;
     }
-    let mut figure = Figure::new("", 1, 1, [640.0, 320.0]);
-    figure.put(0, 0, panel);
-    figure.to_svg()
+    let mut all = added.to_vec();
+    for id in &result.accepted {
+        all.push(AddedEffect::read(id, data).ok()?);
+    }
+    Some(View::of(data, &all))
+}
+
+/// What stands beneath the ladder, and the arrows of tables that have a field.
+fn ladder_caption(data: &Dataset) -> &'static str {
+    match data.kind {
+        TableKind::Points => {
+            "Errors of groups left out: per component, weighted by the last model's noise, as effects are added. The dashed line is the noise, told apart from the model. Arrows are mean errors of cells, all on the key's scale."
+        }
+        _ => {
+            "Errors of groups left out: weighted by the last model's noise, as effects are added. The dashed line is the noise, told apart from the model."
+        }
+    }
+}
+
+/// The ladder of held-out errors, and for points the errors over the field on one scale.
+fn before_and_after(
+    data: &Dataset,
+    steps: &[(String, f64)],
+    noise_floor: f64,
+    before: &View,
+    after: Option<&View>,
+) -> Vec<String> {
+    let mut panels = vec![ladder(steps, noise_floor, data.kind.unit())];
+    let reference = before.arrow_reference();
+    panels.extend(before.arrows_over_field("mean errors of cells, before", reference));
+    panels.extend(after.and_then(|after| after.arrows_over_field("mean errors of cells, after", reference)));
+    svgs(&panels)
+}
+
+/// Panels over the field, with what they show; of tables without a field nothing.
+fn field_section(heading: &str, view: &View, panels: Vec<Panel>) -> Section {
+    if panels.is_empty() {
+        return Section::new("");
+    }
+    let elsewhere = view.uncertain_elsewhere();
+    let left_out = if elsewhere > 0.01 {
+        format!(
+            " {:.0} % of the uncertainty's square changes with other columns than the place; the map holds the rest.",
+            100.0 * elsewhere
+        )
+    } else {
+        String::new()
+    };
+    Section::new(heading).figures(
+        &svgs(&panels),
+        &format!(
+            "x and y are the displayed line of sight, 1 at half the camera's width. Orange is an error towards larger x or y, purple towards smaller, white none. Hatched cells have no point. The uncertainty is that of the model's line of sight from the covariance of all that was fitted, shift and scale included, and of a calibration that is held; it does not hold the noise of a single point. Where there is no point it is continued.{left_out}"
+        ),
+    )
+}
+
+fn columns_section(heading: &str, view: &View) -> Section {
+    Section::new(heading).figures(
+        &svgs(&view.over_columns()),
+        "Faint dots are rows, strong ones means of bins with one standard deviation: that of the rows' noise and of what a group shares. Outliers are left out, and the largest hundredth of the errors lies beyond the range.",
+    )
+}
+
+/// Held-out error from step to step, and the noise floor.
+fn ladder(steps: &[(String, f64)], noise_floor: f64, unit: &str) -> Panel {
+    /// Half the height of a bar.
+    const HALF: f64 = 0.32;
+    let highest = steps.iter().map(|step| step.1).fold(noise_floor, f64::max);
+    let names = steps
+        .iter()
+        .enumerate()
+        .map(|(k, (name, _))| if k == 0 { name.clone() } else { format!("+ {name}") });
+    let mut panel = Panel::new(
+        Axis::linear(format!("error of groups left out ({unit})")).range(0.0, 1.22 * highest),
+        Axis::named(names.collect()).reversed(),
+    )
+    .title("what each effect takes off");
+    for (k, (_, error)) in steps.iter().enumerate() {
+        let (low, high) = (k as f64 - HALF, k as f64 + HALF);
+        let bar = [[0.0, low], [*error, low], [*error, high], [0.0, high]];
+        panel.polygon(&bar, Style::line(PALETTE[0]).width(0.0).filled(0.75));
+        panel.text([*error, k as f64], [5.0, 4.0], rounded(*error), 10.0, Anchor::Start);
+    }
+    let floor = [[noise_floor, -0.5], [noise_floor, steps.len() as f64 - 0.5]];
+    panel.line("noise", &floor, Style::line(PALETTE[1]).dashed());
+    panel
+}
+
+/// A value and its standard deviation, with the digits that the latter leaves; far from 1 with a power of ten.
+fn with_sigma(value: f64, sigma: f64) -> String {
+    let exponent = value.abs().max(sigma).log10().floor();
+    if exponent.is_finite() && !(-4.0..6.0).contains(&exponent) {
+        let factor = 10f64.powf(exponent);
+        let digits = decimals(sigma / factor);
+        return format!("({:.digits$} \u{b1} {:.digits$})e{exponent}", value / factor, sigma / factor);
+    }
+    let digits = decimals(sigma);
+    format!("{value:.digits$} \u{b1} {sigma:.digits$}")
+}
+
+/// Three digits.
+fn rounded(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let decimals = (2.0 - value.abs().log10().floor()).clamp(0.0, 12.0) as usize;
+    format!("{value:.decimals$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_have_the_digits_that_their_sigma_leaves() {
+        assert_eq!(with_sigma(63.6832, 0.5064), "63.68 \u{b1} 0.51");
+        assert_eq!(with_sigma(-385.2, 25.1), "-385 \u{b1} 25");
+        assert_eq!(with_sigma(1.473e-7, 1.9e-9), "(1.473 \u{b1} 0.019)e-7");
+        assert_eq!(rounded(0.004_131), "0.00413");
+        assert_eq!(rounded(4.196), "4.20");
+        assert_eq!(rounded(0.0), "0");
+    }
 }

@@ -6,15 +6,14 @@ use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
 use retina_files::InputError;
 use retina_formats::TableKind;
-use retina_plot::{Axis, Figure, PALETTE, Panel, Style};
+use retina_plot::{Axis, PALETTE, Panel, Style};
 
 use crate::added::{AddedEffect, adjusted};
 use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
-use crate::noise::robust_fit;
+use crate::figure::{PANEL_PX, axis_label, means};
+use crate::noise::{RobustFit, robust_fit};
 
-/// Bins of equal numbers of rows.
-const BINS: usize = 15;
 /// Degree of the formula.
 const DEGREE: i32 = 3;
 /// Degree of one whose coefficients are linear over the field.
@@ -58,7 +57,7 @@ pub fn unexplained_shapes(
         let values = data.covariate(name)?.values.as_slice();
         let placed = over_field && name != "x" && name != "y";
         let rows: Vec<usize> = rows.iter().copied().filter(|&row| !values[row].is_nan()).collect();
-        Some(shape_over(data, name, values, &fit.residual, &rows, placed))
+        Some(shape_over(data, name, values, &fit, &rows, placed))
     };
     Ok(named.iter().filter_map(shape).collect())
 }
@@ -67,35 +66,26 @@ fn shape_over(
     data: &Dataset,
     name: &str,
     values: &[f64],
-    residual: &[f64],
+    fit: &RobustFit,
     rows: &[usize],
     placed: bool,
 ) -> Shape {
     let n = data.components();
-    let mut order = rows.to_vec();
-    order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
-    let mut panel =
-        Panel::new(Axis::linear(name), Axis::linear(format!("error left ({})", data.kind.unit())));
+    let y = Axis::linear(format!("error left ({})", data.kind.unit()));
+    let mut panel = Panel::new(Axis::linear(axis_label(name)), y);
     for axis in 0..n {
-        let ink = PALETTE[axis];
-        let mut means = Vec::new();
-        for bin in order.chunks(order.len().div_ceil(BINS).max(2)) {
-            let count = bin.len() as f64;
-            let mean = |of: &dyn Fn(usize) -> f64| bin.iter().map(|&row| of(row)).sum::<f64>() / count;
-            let (x, y) = (mean(&|row| values[row]), mean(&|row| residual[row * n + axis]));
-            let sigma = (mean(&|row| (residual[row * n + axis] - y).powi(2)) / count).sqrt();
-            panel.line("", &[[x, y - sigma], [x, y + sigma]], Style::thin(ink));
-            means.push([x, y]);
-        }
-        let label = if n == 2 { ["along x", "along y"][axis] } else { "" };
-        panel.line(label, &means, Style::line(ink));
-        panel.dots("", &means, Style::line(ink).width(2.0));
+        let label = if n == 2 { ["along x", "along y"][axis] } else { "means" };
+        let error = |row: usize| fit.residual[row * n + axis];
+        panel.means(
+            label,
+            &means(data, &fit.weights, rows, |row| values[row], error),
+            Style::line(PALETTE[axis]),
+        );
     }
-    let mut figure = Figure::new("", 1, 1, [560.0, 360.0]);
-    figure.put(0, 0, panel);
+    let residual = fit.residual.as_slice();
     Shape {
         covariate: name.to_owned(),
-        svg: figure.to_svg(),
+        svg: panel.to_svg(PANEL_PX),
         formula: formula(data, name, values, residual, rows, placed),
     }
 }

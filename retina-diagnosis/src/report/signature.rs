@@ -6,11 +6,12 @@ use std::path::Path;
 use retina_files::{InputError, parse_toml};
 use retina_formats::{Measurements, TableKind};
 use retina_geometry::Setup;
-use retina_plot::{Axis, Figure, PALETTE, Panel, Style};
+use retina_plot::{Arrows, Axis, PALETTE, Panel, Style};
 use retina_report::{Page, Section};
 
 use crate::catalogue::Effect;
 use crate::data::{Baseline, Dataset, Source};
+use crate::figure::{axis_label, field_panel, svgs};
 
 /// The facility that signatures are drawn for: the paper's wide configuration.
 const SETUP: &str = retina_assets::WIDE_FOV_SETUP;
@@ -19,7 +20,6 @@ const AMPLITUDES: [f64; 4] = [1.0, 0.6, 0.4, 0.3];
 const EXPOSURES: usize = 24;
 /// Points across and down.
 const GRID: [usize; 2] = [13, 10];
-const PANEL_PX: [f64; 2] = [330.0, 260.0];
 
 /// A campaign whose columns all vary: places on a grid, counts, colours and loads in turn, a chamber that is cycled.
 fn points_text(setup: &Setup) -> String {
@@ -104,7 +104,7 @@ fn campaign(kind: TableKind) -> Result<Option<Dataset>, InputError> {
 ///
 /// # Errors
 /// The campaign that it is drawn on cannot show it.
-pub fn signature_svg(effect: &Effect) -> Result<Option<String>, InputError> {
+pub fn signature_svgs(effect: &Effect) -> Result<Option<Vec<String>>, InputError> {
     let Some(data) = campaign(effect.kind())? else { return Ok(None) };
     let variants = effect.build(&data).map_err(|reason| {
         InputError::new("EFFECT", format!("`{}` cannot be drawn: {reason}", effect.name()))
@@ -127,7 +127,8 @@ pub fn signature_svg(effect: &Effect) -> Result<Option<String>, InputError> {
     }
     for name in axes_of(effect) {
         let Some(column) = data.covariate(name) else { continue };
-        let mut panel = Panel::new(Axis::linear(name), Axis::linear("effect / its largest").range(-1.1, 1.1));
+        let mut panel =
+            Panel::new(Axis::linear(axis_label(name)), Axis::linear("effect / its largest").range(-1.1, 1.1));
         for axis in 0..n {
             let dots: Vec<[f64; 2]> =
                 (0..data.len()).map(|row| [column.values[row], values[row * n + axis]]).collect();
@@ -136,11 +137,7 @@ pub fn signature_svg(effect: &Effect) -> Result<Option<String>, InputError> {
         }
         panels.push(panel);
     }
-    let mut figure = Figure::new("", 1, panels.len(), PANEL_PX);
-    for (k, panel) in panels.into_iter().enumerate() {
-        figure.put(0, k, panel);
-    }
-    Ok(Some(figure.to_svg()))
+    Ok(Some(svgs(&panels)))
 }
 
 /// Vectors of the exposure in which the effect is strongest.
@@ -149,14 +146,12 @@ fn over_field(data: &Dataset, values: &[f64]) -> Panel {
     let strength = |rows: &std::ops::Range<usize>| -> f64 {
         values[2 * rows.start..2 * rows.end].iter().map(|v| v * v).sum()
     };
-    let mut panel = Panel::new(Axis::linear("x / half width"), Axis::linear("y / half width")).equal_aspect();
     let strongest = data.groups.iter().max_by(|a, b| strength(&a.rows).total_cmp(&strength(&b.rows)));
-    for row in strongest.map_or(0..0, |group| group.rows.clone()) {
-        let from = [x[row], y[row]];
-        let to = [x[row] + 0.2 * values[2 * row], y[row] + 0.2 * values[2 * row + 1]];
-        panel.line("", &[from, to], Style::line(PALETTE[0]).width(1.2));
-        panel.dots("", &[from], Style::line(PALETTE[0]).width(1.2));
-    }
+    let rows = strongest.map_or(0..0, |group| group.rows.clone());
+    let at = rows.clone().map(|row| [x[row], y[row]]).collect();
+    let of = rows.map(|row| [values[2 * row], values[2 * row + 1]]).collect();
+    let mut panel = field_panel("", [1.15, 0.9]);
+    panel.arrows(Arrows::new(at, of, "(its largest)", Style::line(PALETTE[0]).width(1.2)).reference(1.0));
     panel
 }
 
@@ -184,14 +179,14 @@ fn axes_of(effect: &Effect) -> Vec<&str> {
 /// The catalogue as a page: what each effect looks like, its form, source and size, what it is taken for and what tells.
 ///
 /// # Errors
-/// As [`signature_svg`].
+/// As [`signature_svgs`].
 pub fn effects_page(effects: &[&'static Effect]) -> Result<Page, InputError> {
     let mut page = Page::new("effects", "Catalogue of effects");
     for &effect in effects {
         let mut section = Section::new(effect.name());
-        if let Some(svg) = signature_svg(effect)? {
-            section =
-                section.figure(&svg, "On a campaign laid out for it: the leading form, its largest value 1.");
+        if let Some(svgs) = signature_svgs(effect)? {
+            section = section
+                .figures(&svgs, "On a campaign laid out for it: the leading form, its largest value 1.");
         }
         page = page.section(section.lines(&crate::output::effects_text(&[effect])[1..]));
     }
@@ -208,10 +203,11 @@ mod tests {
     #[test]
     fn signatures_differ() {
         let all: Vec<_> = effects(None).into_iter().filter(|e| e.kind() != TableKind::Frames).collect();
-        let drawn: Vec<String> =
-            all.iter().map(|e| super::signature_svg(e).ok().flatten().unwrap_or_default()).collect();
+        let drawn: Vec<Vec<String>> =
+            all.iter().map(|e| super::signature_svgs(e).ok().flatten().unwrap_or_default()).collect();
         for (i, svg) in drawn.iter().enumerate() {
-            assert!(svg.len() > 2000, "{}: {} bytes", all[i].name(), svg.len());
+            let bytes: usize = svg.iter().map(String::len).sum();
+            assert!(bytes > 2000, "{}: {bytes} bytes", all[i].name());
             for j in 0..i {
                 let class = all[i].class.contains(&all[j].id);
                 assert!(class || drawn[j] != *svg, "{} looks like {}", all[i].name(), all[j].name());

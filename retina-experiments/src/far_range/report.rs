@@ -73,8 +73,7 @@ pub fn figure_12(results: &[PoseResult]) -> String {
         Axis::log("error (arcsec)").range(0.1, 1000.0),
         Axis::linear("fraction of solved poses").range(0.0, 1.0),
     )
-    .title("Attitude errors over random poses")
-    .legend_left();
+    .title("Attitude errors over random poses");
     let found: Vec<&PoseResult> = results.iter().filter(|r| r.outcome == "solved").collect();
     type Pick = fn(&PoseResult) -> Option<f64>;
     let curves: [(&str, Pick); 3] = [

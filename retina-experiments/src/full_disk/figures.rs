@@ -59,7 +59,7 @@ pub fn figure_15(sequences: &[Shown<'_>], filtered: bool) -> String {
         let reach = rounded_up(1.1 * sizes.get(sizes.len() * 99 / 100).copied().unwrap_or(1.0).max(1e-6));
         let x = || Axis::linear(format!("error along {} (km)", AXES[axis])).range(-reach, reach);
         let mut density = Panel::new(x(), Axis::linear("density (1/km)")).title(AXES[axis]);
-        let mut cumulative = Panel::new(x(), Axis::linear("fraction").range(0.0, 1.0)).legend_left();
+        let mut cumulative = Panel::new(x(), Axis::linear("fraction").range(0.0, 1.0));
         for (at, mut values) in all {
             let label = if axis == 0 { sequences[at].label } else { "" };
             density.line(label, &kernel_density(&values, reach), Style::line(colour(at)));

@@ -44,7 +44,7 @@ fn panel(
     // The red ground shows wherever the map leaves it free.
     let [x0, y0] = [0, 1].map(|k| origin[k] - 0.5 * pitch[k]);
     let [x1, y1] = [0, 1].map(|k| last[k] + 0.5 * pitch[k]);
-    let red = Style { colour: Colour(0xd9, 0x53, 0x4f), width: 0.0, dash: None, fill: 0.75 };
+    let red = Style::line(Colour(0xd9, 0x53, 0x4f)).width(0.0).filled(0.75);
     panel.polygon(&[[x0, y0], [x1, y0], [x1, y1], [x0, y1]], red);
     let range = if low < high { [low, high] } else { [0.0, limit_deg] };
     let columns = columns.len();

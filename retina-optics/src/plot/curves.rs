@@ -80,7 +80,7 @@ pub fn illumination_figure(system: &OpticalSystem, illumination: &Illumination) 
     let clear = 100.0 * illumination.clear_fraction;
     let mut figure =
         Figure::new(format!("{}: illumination, {clear:.0} % clear", system.name), 1, 1, [460.0, 320.0]);
-    figure.put(0, 0, panel.legend_left());
+    figure.put(0, 0, panel);
     figure
 }
 

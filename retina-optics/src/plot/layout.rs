@@ -140,7 +140,7 @@ fn draw_lenses(
         let mut outline = section.profile(&surface.shape, &poses[i], h);
         let back = section.profile(&system.surfaces[i + 1].shape, &poses[i + 1], semi(i + 1));
         outline.extend(back.into_iter().rev());
-        panel.polygon(&outline, Style { colour: glass_colour(index), width: 0.0, dash: None, fill: 1.0 });
+        panel.polygon(&outline, Style::line(glass_colour(index)).width(0.0).filled(1.0));
         outline.push(outline[0]);
         panel.line("", &outline, Style::thin(Colour::INK).width(0.8));
     }

@@ -34,7 +34,6 @@ pub fn spots_figure(title: &str, rows: &[SpotRow<'_>]) -> Figure {
             let axis = || Axis::hidden().range(-half, half);
             let mut panel = Panel::new(axis(), Axis::hidden().range(-1.25 * half, 1.05 * half))
                 .equal_aspect()
-                .legend_left()
                 .title(format!("{}, {}", row.system.name, field_label(row.system.object, spot.field)));
             panel.line("", &[[-half, 0.0], [half, 0.0]], Style::thin(Colour::PALE));
             panel.line("", &[[0.0, -half], [0.0, half]], Style::thin(Colour::PALE));
@@ -127,7 +126,7 @@ pub fn wavefront_figure(system: &OpticalSystem, wavefronts: &[Wavefront]) -> Fig
                 grid[cell(point.pupil[1]) * side + cell(point.pupil[0])] = value;
             }
         }
-        panel.heat(HeatMap {
+        panel.signed(HeatMap {
             origin: [pitch / 2.0 - 1.0; 2],
             pitch: [pitch; 2],
             columns: side,
@@ -172,7 +171,7 @@ pub fn tolerance_figure(system: &OpticalSystem, report: &ToleranceReport) -> Fig
     let mut boresight = Panel::new(Axis::linear("boresight shift on the image (mm)"), share());
     let shifts = report.trials.iter().map(|t| t.boresight_mm[0].hypot(t.boresight_mm[1])).collect();
     boresight.line("", &cumulative(shifts), Style::line(PALETTE[0]));
-    figure.put(0, 0, spot.legend_left());
+    figure.put(0, 0, spot);
     figure.put(0, 1, boresight);
     figure
 }
