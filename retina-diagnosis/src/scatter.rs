@@ -108,7 +108,7 @@ pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
     let (white2, group2) = match (within, between) {
         (Some(within), Some(between)) => {
             source.push(format!(
-                "{} neighbours of one {group}, {} of different {group}s",
+                "{} neighbours of one {group}, {} of different ones",
                 within.pairs,
                 between.pairs,
                 group = group_name(data)

@@ -31,7 +31,7 @@ pub(crate) fn too_little(
     if Units::of(data).count < FEWEST_UNITS {
         let why = if noise.shared_within {
             format!(
-                "neighbours of one {group} share {:.3} {} that those of different {group}s do not: with {groups} of them, air cannot be told from the facility",
+                "neighbours of one {group} share {:.3} {} that those of different ones do not: with {groups} of them, air cannot be told from the facility",
                 noise.group,
                 data.kind.unit()
             )
