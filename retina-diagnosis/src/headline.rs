@@ -51,13 +51,14 @@ fn found(result: &Diagnosis) -> String {
         .accepted
         .iter()
         .zip(&result.rivals)
+        .zip(&result.physical)
+        .map(|((own, rivals), physical)| {
+            let called = physical.as_ref().and_then(|p| p.called);
+            (called.map_or_else(|| words(own), str::to_owned), rivals)
+        })
         .map(|(own, rivals)| match rivals.as_slice() {
-            [] => words(own),
-            _ => format!(
-                "{} (or {})",
-                words(own),
-                rivals.iter().map(|r| words(r)).collect::<Vec<_>>().join(", ")
-            ),
+            [] => own,
+            _ => format!("{own} (or {})", rivals.iter().map(|r| words(r)).collect::<Vec<_>>().join(", ")),
         })
         .collect();
     let mut text = each.join(" and ");

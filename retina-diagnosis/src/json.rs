@@ -36,6 +36,7 @@ fn accepted_at(result: &Diagnosis, effect: &str) -> Option<usize> {
 
 fn physical_json(physical: &Physical) -> Value {
     json!({
+        "called": physical.called,
         "parameter": physical.parameter,
         "value": physical.value,
         "unit": physical.unit,

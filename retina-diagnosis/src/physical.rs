@@ -8,6 +8,8 @@ use crate::estimate::Parameter;
 /// A quantity that somebody at the bench can read or turn.
 #[derive(Debug, Clone)]
 pub struct Physical {
+    /// What the effect is called at this size, where its id says another thing.
+    pub called: Option<&'static str>,
     /// What it is.
     pub parameter: &'static str,
     /// Its value.
@@ -77,7 +79,7 @@ fn of_points(
     let w = data.half_tan;
     let deg = (1.0 / ARCSEC_PER_RAD / (w * w)).to_degrees();
     let made = |parameter, [value, sigma]: [f64; 2], unit, remedy| {
-        Some(Physical { parameter, value, unit, sigma, remedy })
+        Some(Physical { called: None, parameter, value, unit, sigma, remedy })
     };
     let one = |factor: f64| -> Option<[f64; 2]> {
         let p = parameters.first()?;
@@ -214,7 +216,14 @@ fn of_power(data: &Dataset, effect: PowerEffect, parameters: &[Parameter]) -> Op
     let first = parameters.first()?;
     let sigma = first.sigma?;
     let made = |parameter, factor: f64, unit, remedy: String| {
-        Some(Physical { parameter, value: factor * first.value, unit, sigma: factor.abs() * sigma, remedy })
+        Some(Physical {
+            called: None,
+            parameter,
+            value: factor * first.value,
+            unit,
+            sigma: factor.abs() * sigma,
+            remedy,
+        })
     };
     match effect {
         E::Gamma => made(

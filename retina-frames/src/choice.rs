@@ -104,10 +104,14 @@ impl FrameSet {
         }
     }
 
+    /// The part that an effect is.
+    pub(crate) fn part(&self, id: &str) -> Option<&Part> {
+        self.state.parts.iter().find(|part| part.id.name() == id)
+    }
+
     /// The values that a part's parameter may plausibly have.
     pub(crate) fn plausible(&self, id: &str, parameter: &str) -> Option<[f64; 2]> {
-        let part = self.state.parts.iter().find(|part| part.id.name() == id)?;
-        let change = part.form.change;
+        let change = self.part(id)?.form.change;
         change.names().iter().any(|name| name == parameter).then(|| change.plausible())?
     }
 

@@ -7,6 +7,7 @@ use retina_diagnosis::{
 use retina_files::InputError;
 
 use crate::FrameSet;
+use crate::physical::physical;
 
 /// Most effects that are accepted.
 const MOST_ACCEPTED: usize = 7;
@@ -129,6 +130,7 @@ pub fn diagnose_frames(
         let range = |p: &Parameter| set.plausible(candidate.effect, &p.name);
         candidate.implausible = implausible(candidate.parameters.iter().map(|p| (p, range(p))));
         candidate.heldout_rms = ladder[given + k + 1].heldout_rms;
+        out.physical[k] = set.part(candidate.effect).and_then(|part| physical(part, &candidate.parameters));
     }
     let later = found.candidates.into_iter().filter(|c| !out.accepted.contains(&c.effect));
     out.candidates = decided.into_iter().chain(later).collect();
