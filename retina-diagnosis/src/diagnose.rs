@@ -119,10 +119,10 @@ fn search(
     later: bool,
 ) -> Diagnosis {
     let thinned = data.thinned(MOST_ROWS);
-    let scatter = noise(data);
+    let (scatter, (prepared, not_testable)) =
+        rayon::join(|| noise(data), || prepare(thinned.as_ref().unwrap_or(data), added));
     let data = thinned.as_ref().unwrap_or(data);
     let mut notes = data.notes.clone();
-    let (prepared, not_testable) = prepare(data, added);
     let mut adjusted = crate::added::adjusted(data, added);
     if let Some(noise) = &scatter {
         noise.apply(&mut adjusted.data);

@@ -46,6 +46,56 @@ pub(crate) fn cholesky(a: &faer::Mat<f64>) -> Option<faer::Mat<f64>> {
     Some(factor.L().to_owned())
 }
 
+/// Which columns of a Gram matrix are independent of those before them, and L^-1 of these, L L^T their Gram matrix.
+/// `before` are the squares of the columns before a base was taken out of them, of which they keep at least a part
+/// `least` of the root.
+pub(crate) fn independent(gram: &faer::Mat<f64>, before: &[f64], least: f64) -> (Vec<usize>, faer::Mat<f64>) {
+    let mut kept: Vec<usize> = Vec::new();
+    let mut rows: Vec<Vec<f64>> = Vec::new();
+    for column in 0..gram.ncols() {
+        let mut row = Vec::with_capacity(kept.len() + 1);
+        for (other, &k) in rows.iter().zip(&kept) {
+            let known = dot(&row, &other[..row.len()]);
+            row.push((gram[(column, k)] - known) / other[row.len()]);
+        }
+        let left = gram[(column, column)] - dot(&row, &row);
+        if left > least * least * before[column] && left.is_finite() {
+            row.push(left.sqrt());
+            rows.push(row);
+            kept.push(column);
+        }
+    }
+    // Rows of the inverse by forward substitution.
+    let n = kept.len();
+    let mut inverse = faer::Mat::<f64>::zeros(n, n);
+    for column in 0..n {
+        for i in column..n {
+            let known: f64 = (column..i).map(|k| rows[i][k] * inverse[(k, column)]).sum();
+            inverse[(i, column)] = (f64::from(u8::from(i == column)) - known) / rows[i][i];
+        }
+    }
+    (kept, inverse)
+}
+
+/// Coefficients of columns, 0 of those that depend on the ones before them, and the number of the others: normal
+/// equations, refined once by what they leave.
+pub(crate) fn least_squares(columns: &[Vec<f64>], y: &[f64]) -> (Vec<f64>, usize) {
+    let square: Vec<f64> = columns.iter().map(|column| dot(column, column)).collect();
+    let a = matrix(columns);
+    let (kept, inverse) = independent(&(a.transpose() * &a), &square, DEPENDENT);
+    let mut out = vec![0.0; columns.len()];
+    let mut left = y.to_vec();
+    for _ in 0..2 {
+        let right = faer::Mat::<f64>::from_fn(kept.len(), 1, |i, _| dot(&columns[kept[i]], &left));
+        let step = inverse.transpose() * (&inverse * right);
+        for (i, &k) in kept.iter().enumerate() {
+            out[k] += step[(i, 0)];
+            left.iter_mut().zip(&columns[k]).for_each(|(l, v)| *l -= step[(i, 0)] * v);
+        }
+    }
+    (out, kept.len())
+}
+
 impl Basis {
     pub(crate) fn of(columns: impl IntoIterator<Item = Vec<f64>>) -> Self {
         let mut out = Self::default();

@@ -7,7 +7,7 @@ use faer::linalg::solvers::{DenseSolveCore as _, Solve as _};
 
 use crate::data::{Dataset, Group};
 use crate::field::Field;
-use crate::linear::{Basis, cholesky, dot, matrix};
+use crate::linear::{cholesky, dot, least_squares, matrix};
 use crate::series::median;
 use crate::units::in_time;
 
@@ -69,28 +69,39 @@ impl Weights {
     /// V^(-1/2) of a column in place: root weights, and each group's common part weighed down by
     /// 1 - (1 + variance * sum of weights)^(-1/2).
     pub(crate) fn whiten(&self, data: &Dataset, column: &mut [f64]) {
-        let n = data.kind.components();
-        for group in &data.groups {
-            let sum: f64 = self.weight[group.rows.clone()].iter().sum();
-            if sum <= 0.0 {
-                column[group.rows.start * n..group.rows.end * n].fill(0.0);
-                continue;
-            }
-            let kappa = self.kappa(sum);
-            for axis in 0..n {
-                let mut mean = 0.0;
-                for row in group.rows.clone() {
-                    mean += self.weight[row] * column[row * n + axis];
-                }
-                mean *= kappa / sum;
-                for row in group.rows.clone() {
-                    let value = &mut column[row * n + axis];
-                    *value = self.weight[row].sqrt() * (*value - mean);
-                }
-            }
+        match data.kind.components() {
+            1 => self.whiten_rows::<1>(data, column),
+            _ => self.whiten_rows::<2>(data, column),
         }
         let rho = data.wander;
         self.levels(data, column, false, |level, before| (level - rho * before) / (1.0 - rho * rho).sqrt());
+    }
+
+    /// The same before groups follow each other: most of a diagnosis's time goes by here.
+    fn whiten_rows<const N: usize>(&self, data: &Dataset, column: &mut [f64]) {
+        for group in &data.groups {
+            let weights = &self.weight[group.rows.clone()];
+            let (rows, _) = column[group.rows.start * N..group.rows.end * N].as_chunks_mut::<N>();
+            let sum: f64 = weights.iter().sum();
+            if sum <= 0.0 {
+                rows.iter_mut().for_each(|row| *row = [0.0; N]);
+                continue;
+            }
+            let mut mean = [0.0; N];
+            for (weight, row) in weights.iter().zip(rows.iter()) {
+                for axis in 0..N {
+                    mean[axis] += weight * row[axis];
+                }
+            }
+            let kappa = self.kappa(sum);
+            let mean = mean.map(|m| m * (kappa / sum));
+            for (weight, row) in weights.iter().zip(rows) {
+                let root = weight.sqrt();
+                for axis in 0..N {
+                    row[axis] = root * (row[axis] - mean[axis]);
+                }
+            }
+        }
     }
 
     /// Replaces the groups' levels of a whitened column, one after the other in time; nothing where groups do not follow
@@ -232,13 +243,14 @@ const RIDGE: f64 = 1e-11;
 impl Weights {
     /// What the columns fit, and how many they are.
     fn fitted(&self, data: &Dataset, columns: &[Vec<f64>]) -> (Vec<f64>, f64) {
-        let basis = Basis::of(columns.iter().map(|column| self.whitened(data, column)));
-        let coefficients = basis.coefficients(&self.whitened(data, &data.y));
+        let whitened: Vec<Vec<f64>> = columns.par_iter().map(|column| self.whitened(data, column)).collect();
+        let y = self.whitened(data, &data.y);
+        let (coefficients, free) = least_squares(&whitened, &y);
         let mut out = vec![0.0; data.y.len()];
         for (column, c) in columns.iter().zip(&coefficients) {
             out.iter_mut().zip(column).for_each(|(sum, value)| *sum += c * value);
         }
-        (out, basis.q.len() as f64)
+        (out, free as f64)
     }
 
     /// The same with a calibration's error; a column of that counts as far as the data determine it.

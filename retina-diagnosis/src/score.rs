@@ -17,7 +17,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::data::Dataset;
-use crate::linear::{Basis, dot, matrix, solve_positive};
+use crate::linear::{Basis, dot, independent, matrix, solve_positive};
 use crate::noise::{RobustFit, Weights, robust_fit};
 use crate::units::Units;
 
@@ -181,7 +181,7 @@ impl<'d> Frame<'d> {
                 let own = first..first + candidate.as_ref().len();
                 first = own.end;
                 let c = beside.subcols(own.start, own.len());
-                let (kept, inverse) = independent(&(c.transpose() * c), &before[own]);
+                let (kept, inverse) = independent(&(c.transpose() * c), &before[own], IDENTICAL);
                 self.of_directions(c, &kept, &inverse)
             })
             .collect()
@@ -341,36 +341,6 @@ impl<'d> Frame<'d> {
             rms_unweighted: self.weights.rms_unweighted(n, &error),
         }
     }
-}
-
-/// Which columns of a Gram matrix are independent of those before them, and L^-1 of these, L L^T their Gram matrix.
-/// `before` are the squares of the columns before a base was taken out of them.
-fn independent(gram: &Mat<f64>, before: &[f64]) -> (Vec<usize>, Mat<f64>) {
-    let mut kept: Vec<usize> = Vec::new();
-    let mut rows: Vec<Vec<f64>> = Vec::new();
-    for column in 0..gram.ncols() {
-        let mut row = Vec::with_capacity(kept.len() + 1);
-        for (other, &k) in rows.iter().zip(&kept) {
-            let known = dot(&row, &other[..row.len()]);
-            row.push((gram[(column, k)] - known) / other[row.len()]);
-        }
-        let left = gram[(column, column)] - dot(&row, &row);
-        if left > IDENTICAL * IDENTICAL * before[column] && left.is_finite() {
-            row.push(left.sqrt());
-            rows.push(row);
-            kept.push(column);
-        }
-    }
-    // Rows of the inverse by forward substitution.
-    let n = kept.len();
-    let mut inverse = Mat::<f64>::zeros(n, n);
-    for column in 0..n {
-        for i in column..n {
-            let known: f64 = (column..i).map(|k| rows[i][k] * inverse[(k, column)]).sum();
-            inverse[(i, column)] = (f64::from(u8::from(i == column)) - known) / rows[i][i];
-        }
-    }
-    (kept, inverse)
 }
 
 /// Units in parts, drawn once and for all.
