@@ -13,15 +13,20 @@ const MEASURED: usize = 1;
 const MOST_IMAGES: usize = 3;
 
 impl FrameSet {
-    /// A figure as SVG: for each image a row a state (the baseline, then with each effect), errors on one scale of
+    /// A figure as SVG: for each image a row a state (the baseline, then with each effect, or the best prediction where
+    /// nothing was added), errors on one scale of
     /// colours (purple: measured is darker, orange: brighter). Pixels that do not count are white among the errors.
     pub fn pictures(&self) -> String {
         let images = self.sights.len().min(MOST_IMAGES);
-        let mut figure =
-            Figure::new("predicted, measured, left", images * self.history.len(), 3, [330.0, 300.0]);
+        // Beside a baseline alone stands what could be reached.
+        let best = self.best.as_ref().filter(|_| self.history.len() == 1);
+        let best = best.map(|state| ("best prediction", state));
+        let states: Vec<(&str, &State)> =
+            self.history.iter().map(|(label, state)| (label.as_str(), state)).chain(best).collect();
+        let mut figure = Figure::new("predicted, measured, left", images * states.len(), 3, [330.0, 300.0]);
         for frame in 0..images {
-            for (step, (label, state)) in self.history.iter().enumerate() {
-                let row = frame * self.history.len() + step;
+            for (step, &(label, state)) in states.iter().enumerate() {
+                let row = frame * states.len() + step;
                 let panels = self.panels(frame, label, state).into_iter().enumerate();
                 // What was measured is the same beside every state.
                 for (column, panel) in panels.filter(|(column, _)| *column != MEASURED || step == 0) {

@@ -62,6 +62,8 @@ pub struct FrameSet {
     white: Option<White>,
     /// Where the bodies are seen, by the best prediction.
     placements: Vec<Placement>,
+    /// The state of that prediction.
+    pub(crate) best: Option<State>,
     files: Vec<PathBuf>,
     notes: Vec<String>,
     saturated: usize,
@@ -198,12 +200,14 @@ impl FrameSet {
             registered: source.register,
             white: None,
             placements: Vec::new(),
+            best: None,
             files,
             notes,
         };
         let best = set.best();
         set.white = set.white_noise(&best);
         set.placements = set.placements_of(&best);
+        set.best = Some(best.state);
         Ok(set)
     }
 

@@ -233,7 +233,7 @@ impl Material {
 pub(crate) fn pictures(set: &FrameSet) -> Section {
     Section::new("Images").figure(
         &set.pictures(),
-        "One row for each state, from the baseline on. In the errors, purple is darker than predicted and orange is brighter; white pixels do not count. The errors of all states share one scale.",
+        "One row for each state, from the baseline on. The best prediction has all the usual effects: map, relief, law, blur, glare, response. In the errors, purple is darker than predicted and orange is brighter; white pixels do not count. The errors of all states share one scale.",
     )
 }
 
