@@ -162,6 +162,13 @@ impl Page {
         self
     }
 
+    /// The page with a section right after its first, the card.
+    #[must_use]
+    pub fn after_card(mut self, section: Section) -> Self {
+        self.sections.insert(self.sections.len().min(1), section);
+        self
+    }
+
     /// As HTML.
     pub fn html(&self) -> String {
         let sections: String = self.sections.iter().map(|section| section.body.as_str()).collect();

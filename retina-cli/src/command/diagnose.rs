@@ -42,7 +42,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         if let Some(path) = &arguments.report {
             let left = Diagnosis { accepted: Vec::new(), ..result.clone() };
             let shapes = unexplained_shapes(&data, &added, &left)?;
-            diagnose_page(&data, &added, &result, &shapes).section(pictures(&set)).write(path)?;
+            diagnose_page(&data, &added, &result, &shapes).after_card(pictures(&set)).write(path)?;
         }
         return match arguments.json {
             true => print_json(&diagnose_json(&data, &result)),

@@ -88,7 +88,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if let Some(path) = &arguments.report {
         let page = fit_page(data, &added, &result);
-        material.pictures().into_iter().fold(page, Page::section).write(path)?;
+        material.pictures().into_iter().fold(page, Page::after_card).write(path)?;
     }
     match arguments.json {
         true => print_json(&fit_json(data, &result)),
