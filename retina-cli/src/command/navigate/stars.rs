@@ -115,6 +115,14 @@ enum Optics {
     Exif,
 }
 
+/// What is known of one image's camera.
+#[derive(Clone, Copy)]
+enum Known<'a> {
+    Camera(&'a Setup, Option<&'a Calibration>),
+    /// Least and greatest horizontal field, rad.
+    Field([f64; 2]),
+}
+
 /// A 35-mm equivalent is rounded to 1 mm, and the focal length that it comes from to a few per cent.
 const EXIF_FOCAL_SLACK: f64 = 0.08;
 
@@ -122,12 +130,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let optics = arguments.optics()?;
     let ephemeris = Ephemeris::read(&arguments.ephemeris)?;
     let (tdb_s, context) = arguments.context(&ephemeris)?;
-    let mut prepared: BTreeMap<([u32; 2], u64), (StarCamera, StarSolver)> = BTreeMap::new();
+    let mut prepared: BTreeMap<([u32; 2], Option<[u64; 2]>), (StarCamera, StarSolver)> = BTreeMap::new();
     let (mut documents, mut refused, mut worst_arcsec) = (Vec::new(), 0, 0.0f64);
     let mut unreadable: Vec<Failure> = Vec::new();
     let bar = counter(arguments.images.len() as u64, "images");
     for path in bar.wrap_iter(arguments.images.iter()) {
-        let (photograph, focal_px) = match arguments.read(path, &optics) {
+        let (photograph, known) = match arguments.read(path, &optics) {
             Ok(read) => read,
             // What other images say is not lost for it.
             Err(error) => {
@@ -142,9 +150,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         };
         let image = &photograph.image;
         let size = [image.width_px, image.height_px];
-        let (camera, solver) = prepared
-            .entry((size, focal_px.map_or(0, f64::to_bits)))
-            .or_insert_with(|| arguments.prepare(&optics, size, focal_px, tdb_s));
+        let field = match known {
+            Known::Camera(..) => None,
+            Known::Field(field_rad) => Some(field_rad.map(f64::to_bits)),
+        };
+        let (camera, solver) =
+            prepared.entry((size, field)).or_insert_with(|| arguments.prepare(known, size, tdb_s));
         let detect = DetectOptions { threshold_sigma: arguments.threshold_sigma, ..DetectOptions::default() };
         let result = solve_image(image, camera, solver, &detect, &context)
             .map_err(|error| Failure::new(error.to_string()))?;
@@ -153,7 +164,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             Ok(solution) => worst_arcsec = worst_arcsec.max(solution.rms_rad.to_degrees() * 3600.0),
         }
         let mut notes = photograph.notes();
-        notes.extend(focal_px.map(|px| field_note(px, size)));
+        if let (Optics::Exif, Known::Field(field_rad)) = (&optics, known) {
+            let [least, greatest] = field_rad.map(f64::to_degrees);
+            notes.push(format!(
+                "horizontal field of view by its EXIF, if it was not cropped: {least:.2} to {greatest:.2} deg"
+            ));
+        }
         let file = path.display().to_string();
         if arguments.json {
             let mut document = result.json(&file, camera, arguments.stars);
@@ -208,8 +224,8 @@ impl Arguments {
         Ok(Optics::Setup(Box::new(setup), calibration.map(Box::new)))
     }
 
-    /// A picture, and its focal length by EXIF where nothing else is known of the camera, px.
-    fn read(&self, path: &Path, optics: &Optics) -> Result<(Photograph, Option<f64>), Failure> {
+    /// A picture, and what is known of its camera.
+    fn read<'a>(&self, path: &Path, optics: &'a Optics) -> Result<(Photograph, Known<'a>), Failure> {
         let setup_bits = match optics {
             Optics::Setup(setup, _) => Some(setup.camera.bits),
             Optics::Field(_) | Optics::Exif => None,
@@ -237,22 +253,16 @@ impl Arguments {
                     .into());
             }
         }
-        let focal_px = match optics {
-            Optics::Exif => Some(exif_focal_px(path, &photograph)?),
-            _ => None,
+        let known = match optics {
+            Optics::Setup(setup, calibration) => Known::Camera(setup, calibration.as_deref()),
+            Optics::Field(field_rad) => Known::Field(*field_rad),
+            Optics::Exif => Known::Field(exif_field_rad(path, &photograph)?),
         };
-        Ok((photograph, focal_px))
+        Ok((photograph, known))
     }
 
-    fn prepare(
-        &self,
-        optics: &Optics,
-        size: [u32; 2],
-        focal_px: Option<f64>,
-        tdb_s: Option<f64>,
-    ) -> (StarCamera, StarSolver) {
-        let stated = self.focal_percent / 100.0;
-        let slack = if focal_px.is_some() { stated.max(EXIF_FOCAL_SLACK) } else { stated };
+    fn prepare(&self, known: Known<'_>, size: [u32; 2], tdb_s: Option<f64>) -> (StarCamera, StarSolver) {
+        let slack = self.focal_percent / 100.0;
         let mut options = SolverOptions {
             focal_ratio: [1.0 - slack, 1.0 + slack],
             log10_bound: self.log10_bound,
@@ -260,15 +270,10 @@ impl Arguments {
             ..SolverOptions::default()
         };
         options.tdb_s = tdb_s.unwrap_or(options.tdb_s);
-        let mut camera = match optics {
-            Optics::Exif => {
-                StarCamera::from_field(field_of(focal_px.unwrap_or(f64::INFINITY), size[0]), size)
-            }
-            Optics::Setup(setup, calibration) => {
-                StarCamera::from_setup(setup, calibration.as_deref().cloned())
-            }
-            Optics::Field([least, greatest]) => {
-                let [short, long] = [*greatest, *least].map(|field| 1.0 / (0.5 * field).tan());
+        let mut camera = match known {
+            Known::Camera(setup, calibration) => StarCamera::from_setup(setup, calibration.cloned()),
+            Known::Field([least, greatest]) => {
+                let [short, long] = [greatest, least].map(|field| 1.0 / (0.5 * field).tan());
                 let middle = (short * long).sqrt();
                 options.focal_ratio[0] *= short / middle;
                 options.focal_ratio[1] *= long / middle;
@@ -332,21 +337,8 @@ impl Arguments {
     }
 }
 
-/// Field over so many pixels, rad.
-fn field_of(focal_px: f64, pixels: u32) -> f64 {
-    2.0 * (0.5 * f64::from(pixels) / focal_px).atan()
-}
-
-fn field_note(focal_px: f64, [width_px, _]: [u32; 2]) -> String {
-    format!(
-        "horizontal field of view by its EXIF, if it was not cropped: {:.2} deg, taken as known to {:.0} %",
-        field_of(focal_px, width_px).to_degrees(),
-        100.0 * EXIF_FOCAL_SLACK
-    )
-}
-
-/// The focal length by the 35-mm equivalent, px.
-fn exif_focal_px(path: &Path, photograph: &Photograph) -> Result<f64, InputError> {
+/// Least and greatest horizontal field by the 35-mm equivalent, rad.
+fn exif_field_rad(path: &Path, photograph: &Photograph) -> Result<[f64; 2], InputError> {
     let size = [photograph.image.width_px, photograph.image.height_px];
     let unknown = |found: String| {
         InputError::new(path, "the field of view is not known")
@@ -360,11 +352,13 @@ fn exif_focal_px(path: &Path, photograph: &Photograph) -> Result<f64, InputError
             None => "no EXIF data that tell it".to_owned(),
         })
     })?;
-    let field_deg = field_of(focal_px, size[0]).to_degrees();
-    if !(field_deg > 0.1 && field_deg < 90.0) {
-        return Err(unknown(format!("{field_deg:.2} deg")));
+    let field_rad = |share: f64| 2.0 * (0.5 * f64::from(size[0]) / (share * focal_px)).atan();
+    let fields_rad = [field_rad(1.0 + EXIF_FOCAL_SLACK), field_rad(1.0 - EXIF_FOCAL_SLACK)];
+    let [least, greatest] = fields_rad.map(f64::to_degrees);
+    if least < 0.1 || greatest >= 90.0 {
+        return Err(unknown(format!("{least:.2} to {greatest:.2} deg")));
     }
-    Ok(focal_px)
+    Ok(fields_rad)
 }
 
 fn earth(ephemeris: &Ephemeris, tdb_s: f64) -> Result<State, Failure> {
