@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use retina_diagnosis::{AddedEffect, Baseline, Dataset, Source};
 use retina_formats::{Calibration, Measurements, RadiometricCalibration, TableKind};
 use retina_geometry::{LensModel, Setup};
-use retina_image::{CameraImage, ReadOptions};
+use retina_image::{CameraImage, Photograph, PhotographOptions, ReadOptions};
 
 /// A reader that is fed bytes.
 pub type Reader = fn(&[u8]);
@@ -271,7 +271,7 @@ pub fn fits(bytes: &[u8]) {
     camera_image("image.fits", bytes);
 }
 
-/// A PNG or TIFF image.
+/// A PNG, TIFF or JPEG image.
 pub fn raster(bytes: &[u8]) {
     camera_image("image.png", bytes);
 }
@@ -279,6 +279,7 @@ pub fn raster(bytes: &[u8]) {
 fn camera_image(name: &str, bytes: &[u8]) {
     with_file(name, bytes, |path| {
         let _ = CameraImage::read(path, ReadOptions { bits: None, colour_to_grey: true });
+        let _ = Photograph::read(path, PhotographOptions { upright: true, ..PhotographOptions::default() });
     });
 }
 

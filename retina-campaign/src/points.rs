@@ -7,7 +7,7 @@ use retina_bench::{Bench, BenchError, CameraFrame, Exposure, OpticsDetail, Scree
 use retina_calibration::geometry::{Pattern, PatternOptions, PatternScreen};
 use retina_files::InputError;
 use retina_formats::{Channel, PointRow, PointsTable};
-use retina_image::{CameraImage, Centroid, DetectOptions, LightPoint, detect_points};
+use retina_image::{CameraImage, Centroid, DetectOptions, LightPoint, Steps, detect_points};
 
 use crate::{Facility, TemperatureProfile};
 
@@ -213,6 +213,7 @@ pub fn camera_image(bench: &Bench, frame: CameraFrame) -> CameraImage {
         height_px: frame.height_px as u32,
         values: frame.dn.iter().map(|&dn| f32::from(dn)).collect(),
         full_scale_dn: f32::from(bench.sensor().largest_dn()),
+        steps: Steps::Whole,
     }
 }
 

@@ -128,17 +128,60 @@ fn what_does_not_fit_is_refused() {
     assert_eq!(document["images"][1]["reason"], "unreadable");
     assert!(document["images"][1]["message"].as_str().unwrap().contains("missing.png: cannot be read"));
     // One alone has its document too, and of several each its own reason.
-    let colour = folder.path().join("colour.png");
-    image::RgbImage::new(8, 8).save(&colour).unwrap();
-    let (missing, colour) = (missing.to_str().unwrap(), colour.to_str().unwrap());
+    let raw = folder.path().join("raw.raf");
+    std::fs::write(&raw, b"FUJIFILMCCD-RAW 0201").unwrap();
+    let (missing, raw) = (missing.to_str().unwrap(), raw.to_str().unwrap());
     let out = retina(&["navigate", "stars", missing, "--fov-deg", "11", "--json"]);
     assert_eq!(out.status.code(), Some(2));
     let document: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
     assert_eq!(document["images"].as_array().unwrap().len(), 1);
-    let said = text(&retina(&["navigate", "stars", missing, colour, "--fov-deg", "11"]).stderr);
+    let said = text(&retina(&["navigate", "stars", missing, raw, "--fov-deg", "11"]).stderr);
     assert!(said.contains("missing.png: cannot be read"), "{said}");
-    assert!(said.contains("colour.png: is a colour image") && said.contains("--colour"), "{said}");
+    assert!(said.contains("raw.raf: is camera raw data") && said.contains("dcraw -4 -T"), "{said}");
     assert!(document["images"][0]["solved"].is_boolean());
+}
+
+#[test]
+fn a_jpeg_in_colour_is_solved_by_its_own_focal_length() {
+    let folder = tempfile::tempdir().unwrap();
+    let (png, jpeg, plain) =
+        (folder.path().join("orion.png"), folder.path().join("orion.jpg"), folder.path().join("plain.jpg"));
+    write_image(&png, true);
+    let grey = image::open(&png).unwrap().into_luma16();
+    let coded = image::RgbImage::from_fn(grey.width(), grey.height(), |x, y| {
+        let light = (f64::from(grey.get_pixel(x, y).0[0]) / 20_000.0).clamp(0.0032, 1.0);
+        image::Rgb([(255.0 * (1.055 * light.powf(1.0 / 2.4) - 0.055)) as u8; 3])
+    });
+    let mut bytes = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 90).encode_image(&coded).unwrap();
+    std::fs::write(&plain, &bytes).unwrap();
+    // 14 deg across 1024 of 1280 px: 43.2666 / 1280 * 512 / tan(7 deg) = 140.9 mm; EXIF has whole ones, here 141.
+    let directories = b"II*\0\x08\0\0\0\x01\0\x69\x87\x04\0\x01\0\0\0\x1a\0\0\0\0\0\0\0\
+        \x01\0\x05\xa4\x03\0\x01\0\0\0\x8d\0\0\0\0\0\0\0";
+    let length = (directories.len() + 8) as u16;
+    bytes.splice(2..2, [&b"\xff\xe1"[..], &length.to_be_bytes(), b"Exif\0\0", directories].concat());
+    std::fs::write(&jpeg, &bytes).unwrap();
+    let (jpeg, plain) = (jpeg.to_str().unwrap(), plain.to_str().unwrap());
+    let out = retina(&["navigate", "stars", jpeg, "--json"]);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    let document: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let found = &document["images"][0];
+    assert!(found["solved"].as_bool().unwrap(), "{found}");
+    assert!((found["ra_deg"].as_f64().unwrap() - 83.0).abs() < 0.01, "{found}");
+    let notes = found["notes"].to_string();
+    assert!(notes.contains("linearised by the sRGB curve"), "{notes}");
+    assert!(
+        notes.contains("field of view by its EXIF, if it was not cropped: 12.97 to 15.20 deg"),
+        "{notes}"
+    );
+    // Without EXIF the field is not known, and a field that is given counts alone.
+    let said = text(&retina(&["navigate", "stars", plain]).stderr);
+    assert!(
+        said.contains("plain.jpg: the field of view is not known") && said.contains("--fov-deg"),
+        "{said}"
+    );
+    let said = text(&retina(&["navigate", "stars", jpeg, "--fov-deg", "14"]).stdout);
+    assert!(said.contains("right ascension 8") && !said.contains("by its EXIF, if"), "{said}");
 }
 
 #[test]

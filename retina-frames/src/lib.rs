@@ -15,6 +15,7 @@ mod grid;
 mod layers;
 mod measured;
 mod model;
+mod photograph;
 mod physical;
 mod picture;
 mod pixels;

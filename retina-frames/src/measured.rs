@@ -5,14 +5,21 @@ use std::path::Path;
 use glam::DVec2;
 use retina_files::InputError;
 use retina_geometry::Setup;
-use retina_image::{CameraImage, ReadOptions};
+use retina_image::{CameraImage, Photograph, PhotographOptions, ReadOptions};
 
 use crate::grid::Grid;
+use crate::photograph::shared_within_px;
 use crate::window::Window;
 
 /// An image with its pixels' states.
 pub(crate) struct Measured {
     pub(crate) image: CameraImage,
+    /// What was done to make light of a photograph, in words.
+    pub(crate) notes: Vec<String>,
+    /// Pixels nearer than this share noise, px.
+    pub(crate) shared_within_px: f64,
+    /// Exposure time by the file's EXIF data, s.
+    pub(crate) exposure_s: Option<f64>,
     /// Pixels that count.
     valid: Vec<bool>,
     saturated: Vec<bool>,
@@ -41,7 +48,11 @@ pub(crate) struct Patch {
 impl Measured {
     /// Reads an image and its mask (pixels that are not 0 count).
     pub(crate) fn read(path: &Path, mask: Option<&Path>, setup: &Setup) -> Result<Self, InputError> {
-        let mut image = CameraImage::read(path, ReadOptions::default())?;
+        // The setup's camera counts pixels as the sensor does, however a viewer turns them.
+        let photograph = Photograph::read(path, PhotographOptions::default())?;
+        let (notes, shared_within_px) = (photograph.notes(), shared_within_px(&photograph));
+        let exposure_s = photograph.exif.exposure_s;
+        let mut image = photograph.image;
         let wanted = [setup.camera.width_px, setup.camera.height_px];
         let check = |file: &Path, what: &str, found: [u32; 2]| {
             if found == wanted {
@@ -76,7 +87,7 @@ impl Measured {
             masked = drawn.values.iter().map(|drawn| *drawn == 0.0).collect();
             valid.iter_mut().zip(&masked).for_each(|(valid, masked)| *valid &= !masked);
         }
-        Ok(Self { image, valid, saturated, masked })
+        Ok(Self { image, notes, shared_within_px, exposure_s, valid, saturated, masked })
     }
 
     /// The largest patch of light: pixels above a fifth of the way from the background to the bright.

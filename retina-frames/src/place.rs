@@ -83,7 +83,8 @@ pub(crate) struct Placed {
     pub(crate) middle: DVec2,
     /// Pixels: left, top, right, bottom.
     pub(crate) bounds: [usize; 4],
-    pub(crate) exposure_s: f64,
+    /// By the table.
+    pub(crate) exposure_s: Option<f64>,
 }
 
 /// Reads a row and finds its pose.
@@ -159,15 +160,7 @@ pub(crate) fn place(
             .help("look at the trajectory, or let the images be registered (--baseline physical)"));
     }
     let name = row.measured.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-    Ok(Placed {
-        origin,
-        measured,
-        name,
-        pose,
-        middle,
-        bounds,
-        exposure_s: row.number("exposure_s").unwrap_or(1.0),
-    })
+    Ok(Placed { origin, measured, name, pose, middle, bounds, exposure_s: row.number("exposure_s") })
 }
 
 /// Windows of one bin size, so that all fit into a table.

@@ -16,6 +16,7 @@ use crate::grid::Grid;
 use crate::layers::Layers;
 use crate::measured::Bins;
 use crate::model::{Part, Sight, State};
+use crate::photograph;
 use crate::pixels::PixelRows;
 use crate::place::{Placed, Scenes, first_state, place, windows};
 use crate::predicted::{Predicted, View};
@@ -67,6 +68,8 @@ pub struct FrameSet {
     files: Vec<PathBuf>,
     notes: Vec<String>,
     saturated: usize,
+    /// Pixels nearer than this share noise, px.
+    shared_within_px: f64,
 }
 
 impl FrameSet {
@@ -128,17 +131,20 @@ impl FrameSet {
             sum(1),
             sum(2)
         ));
+        let shared_within_px = photograph::told(&placed, &mut notes);
+        let exposures_s = photograph::exposures_s(&placed, &mut notes);
         let mut sights: Vec<Sight> = placed
             .iter()
             .zip(&windows)
             .zip(&full_scale_dn)
-            .map(|((frame, window), full)| Sight {
+            .zip(exposures_s)
+            .map(|(((frame, window), full), exposure_s)| Sight {
                 window: *window,
                 layers: frame.origin.outlines(camera, window, &frame.pose),
                 axis_px: DVec2::new(camera.cx_px, camera.cy_px),
                 half_width_px: 0.5 * f64::from(camera.width_px),
                 full_scale_dn: *full,
-                exposure_s: frame.exposure_s,
+                exposure_s,
             })
             .collect();
         let rows = PixelRows::new(&sights, &bins);
@@ -188,6 +194,7 @@ impl FrameSet {
         state = solve::fit(view, Predicted::of(view, state), &parameters).state;
         let mut set = Self {
             saturated: sum(0),
+            shared_within_px,
             history: vec![("baseline".to_owned(), state.clone())],
             poses: placed.iter().map(|frame| frame.pose).collect(),
             middles: placed.iter().map(|frame| frame.middle).collect(),
@@ -400,7 +407,7 @@ impl FrameSet {
             covariates: self.covariates(&now.dn),
             noise_key: self.rows.noise_key(&self.sights, &now),
             least_noise: self.rows.least_noise,
-            shared_within_px: 0.0,
+            shared_within_px: self.shared_within_px,
             white: self.white.clone(),
             baseline: baseline
                 .iter()

@@ -68,3 +68,44 @@ fn an_effect_that_cannot_be_shown_says_what_would_show_it() {
     let error = set.add("image_shift").unwrap_err();
     assert!(format!("{:?}", error.found).contains("--baseline gain"), "{error:?}");
 }
+
+/// A picture of the test's image, coded as sRGB, its full scale that of the file.
+fn coded(case: &Case) -> image::GrayImage {
+    let grey = image::open(case.path("0.png")).unwrap().into_luma16();
+    let most = f64::from(grey.pixels().map(|p| p.0[0]).max().unwrap());
+    image::GrayImage::from_fn(grey.width(), grey.height(), |x, y| {
+        let light = (0.9 * f64::from(grey.get_pixel(x, y).0[0]) / most).max(0.0032);
+        image::Luma([(255.0 * (1.055 * light.powf(1.0 / 2.4) - 0.055)).round() as u8])
+    })
+}
+
+#[test]
+fn a_photograph_says_what_its_pixels_share_and_how_it_was_read() {
+    let case = Case::new(&[(BALL, PLAIN)], 1);
+    let shared = |case: &Case| {
+        let data = case.read(true).unwrap().dataset(false).unwrap();
+        data.notes.join("\n")
+    };
+    assert!(!shared(&case).contains("share noise"));
+    let picture = coded(&case);
+    let of = |name: &str| {
+        std::fs::write(case.path("frames.csv"), format!("predicted,measured\n0.exr,{name}\n")).unwrap();
+        shared(&case)
+    };
+    let mut bytes = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 95).encode_image(&picture).unwrap();
+    // A directory of EXIF with an exposure time of 1/4 s.
+    let directories = b"II*\0\x08\0\0\0\x01\0\x69\x87\x04\0\x01\0\0\0\x1a\0\0\0\0\0\0\0\
+        \x01\0\x9a\x82\x05\0\x01\0\0\0\x2c\0\0\0\0\0\0\0\x01\0\0\0\x04\0\0\0";
+    let length = (directories.len() + 8) as u16;
+    bytes.splice(2..2, [&b"\xff\xe1"[..], &length.to_be_bytes(), b"Exif\0\0", directories].concat());
+    std::fs::write(case.path("0.jpg"), bytes).unwrap();
+    let notes = of("0.jpg");
+    assert!(notes.contains("0.jpg: a grey JPEG: linearised"), "{notes}");
+    assert!(notes.contains("pixels within 8 px of each other share noise"), "{notes}");
+    assert!(notes.contains("exposure times are those of the images' EXIF"), "{notes}");
+    image::DynamicImage::from(picture).into_rgb8().save(case.path("rgb.png")).unwrap();
+    let notes = of("rgb.png");
+    assert!(notes.contains("pixels within 2 px of each other share noise"), "{notes}");
+    assert!(!notes.contains("EXIF"), "{notes}");
+}

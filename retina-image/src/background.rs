@@ -5,6 +5,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::CameraImage;
+use crate::alike::alike;
 
 /// Samples along each side of a cell.
 const SAMPLES: usize = 12;
@@ -12,6 +13,8 @@ const SAMPLES: usize = 12;
 const FEWEST_IN_CELL: usize = 100;
 /// Samples are kept within this many standard deviations of the level.
 const CLIP: f64 = 3.0;
+/// Steps of the digital numbers that are kept on either side of the level, whatever the noise.
+const CLIP_STEPS: f64 = 1.5;
 /// Standard deviation of a normal distribution cut off at 3 sigma, in sigmas:
 /// sqrt(1 - 2 * 3 * phi(3) / (2 Phi(3) - 1)).
 const CLIPPED_SIGMA: f64 = 0.986_58;
@@ -22,6 +25,8 @@ pub struct Background {
     mesh: Mesh,
     /// (level, noise) of each cell, DN, row by row.
     nodes: Vec<[f32; 2]>,
+    /// See [`Background::alike`].
+    alike: f64,
 }
 
 /// Cells that cover an image, nearly square and nearly of one size.
@@ -48,6 +53,7 @@ impl Mesh {
     /// and rows.
     fn each(
         &self,
+        image: &CameraImage,
         fill: impl Fn(Range<usize>, Range<usize>, &mut Vec<f32>) + Sync,
     ) -> Vec<([f32; 2], usize)> {
         let [width, height] = self.size_px;
@@ -59,7 +65,7 @@ impl Mesh {
                 row * height / self.rows..(row + 1) * height / self.rows,
                 sample,
             );
-            (clipped(sample, deviation), sample.len())
+            (clipped(sample, deviation, |level_dn| image.step_dn(level_dn)), sample.len())
         };
         let cells = (0..self.rows * self.columns).into_par_iter().with_min_len(16);
         cells.map_with((Vec::new(), Vec::new()), cell).collect()
@@ -80,7 +86,7 @@ impl Background {
     pub fn estimate(image: &CameraImage, mesh_px: usize) -> Self {
         let mesh = Mesh::of(image, mesh_px);
         let step = (mesh_px.max(8) / SAMPLES).max(1);
-        let raw = mesh.each(|columns, rows, sample| {
+        let raw = mesh.each(image, |columns, rows, sample| {
             for y in rows.step_by(step) {
                 // Rows are sampled at shifted columns, so that no fixed column pattern is taken for the level.
                 let shift = (y / step) % step;
@@ -89,7 +95,9 @@ impl Background {
         });
         let raw: Vec<[f32; 2]> = raw.into_iter().map(|(node, _)| node).collect();
         let nodes = median_of_neighbours(&raw, mesh.columns, mesh.rows);
-        Self { mesh, nodes }
+        let mut background = Self { mesh, nodes, alike: 1.0 };
+        background.alike = alike(image, &background);
+        background
     }
 
     /// As [`Background::estimate`], from all pixels where `mask` (row by row) is true, each cell by itself. A cell with
@@ -97,7 +105,7 @@ impl Background {
     pub fn estimate_in(image: &CameraImage, mask: &[bool], mesh_px: usize) -> Self {
         let mesh = Mesh::of(image, mesh_px);
         let width = image.width_px as usize;
-        let raw = mesh.each(|columns, rows, sample| {
+        let raw = mesh.each(image, |columns, rows, sample| {
             for y in rows {
                 let own = &mask[y * width..(y + 1) * width][columns.clone()];
                 let pixels = image.row(y)[columns.clone()].iter().zip(own);
@@ -105,7 +113,7 @@ impl Background {
             }
         });
         let raw = raw.into_iter().map(|(node, count)| (count >= FEWEST_IN_CELL).then_some(node)).collect();
-        Self { mesh, nodes: spread_out(raw, mesh.columns, mesh.rows) }
+        Self { mesh, nodes: spread_out(raw, mesh.columns, mesh.rows), alike: 1.0 }
     }
 
     /// Level at a position, DN.
@@ -116,6 +124,12 @@ impl Background {
     /// Standard deviation of a pixel about the level, DN.
     pub fn noise_dn(&self, x_px: f64, y_px: f64) -> f64 {
         self.value(x_px, y_px, |node| f64::from(node[1])).max(1e-6)
+    }
+
+    /// How many times the scatter of 3 x 3 sums is what pixels of independent noise would have, 1 to 3: neighbours of an
+    /// image that was compressed, interpolated or smoothed err alike.
+    pub fn alike(&self) -> f64 {
+        self.alike
     }
 
     /// Median over the mesh of (level, noise), DN.
@@ -253,9 +267,9 @@ fn least_and_greatest(values: &[f32]) -> (f32, f32) {
     (low.into_iter().fold(f32::INFINITY, f32::min), high.into_iter().fold(f32::NEG_INFINITY, f32::max))
 }
 
-/// Clipped mean and standard deviation. The median of whole digital numbers is a whole number, too
-/// coarse for a level; it only says where to clip.
-fn clipped(sample: &mut [f32], deviation: &mut Vec<f32>) -> [f32; 2] {
+/// Clipped mean and standard deviation, the latter at least that of rounding to steps. The median of whole digital
+/// numbers is a whole number, too coarse for a level; it only says where to clip.
+fn clipped(sample: &mut [f32], deviation: &mut Vec<f32>, step_dn: impl Fn(f32) -> f32) -> [f32; 2] {
     if sample.is_empty() {
         return [0.0, 0.0];
     }
@@ -268,8 +282,11 @@ fn clipped(sample: &mut [f32], deviation: &mut Vec<f32>) -> [f32; 2] {
     if sigma == 0.0 {
         sigma = f64::from(deviation.iter().sum::<f32>()) / deviation.len() as f64;
     }
+    let step = f64::from(step_dn(centre));
     for _ in 0..3 {
-        let [count, sum, squares] = clipped_sums(sample, level as f32, (CLIP * sigma) as f32);
+        // Where most values are equal, those a step beside them are their noise.
+        let limit = (CLIP * sigma).max(CLIP_STEPS * step);
+        let [count, sum, squares] = clipped_sums(sample, level as f32, limit as f32);
         if count < 2.0 {
             break;
         }
@@ -277,7 +294,7 @@ fn clipped(sample: &mut [f32], deviation: &mut Vec<f32>) -> [f32; 2] {
         level = f64::from(middle) + sum / count;
         sigma = ((squares - sum * sum / count) / (count - 1.0)).max(0.0).sqrt() / CLIPPED_SIGMA;
     }
-    [level as f32, sigma as f32]
+    [level as f32, sigma.max(step / 12f64.sqrt()) as f32]
 }
 
 /// Number of values within a distance of a middle, sum of their offsets from it, and of their squares.

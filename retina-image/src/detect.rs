@@ -13,7 +13,8 @@ use crate::{Background, CameraImage, Centroid};
 /// How points are found and measured.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectOptions {
-    /// A point's brightest 3 x 3 pixels stand out of the background by this many standard deviations of their sum.
+    /// A point's brightest 3 x 3 pixels stand out of the background by this many standard deviations of their sum, as
+    /// the image has them ([`Background::alike`]).
     pub threshold_sigma: f64,
     /// Digital number from which a pixel is saturated; the image's full scale where absent.
     pub saturation_dn: Option<f32>,
@@ -111,8 +112,9 @@ pub(crate) struct Peak {
 /// peaks of one spot joined, and each centroid measured.
 pub fn detect_points(image: &CameraImage, options: &DetectOptions) -> Detection {
     let background = Background::estimate(image, options.mesh_px);
-    let candidates = candidates(image, &background, options.threshold_sigma);
-    let found = without_spikes(image, &background, options.threshold_sigma, SPIKE_SHARE, &candidates);
+    let threshold_sigma = options.threshold_sigma * background.alike();
+    let candidates = candidates(image, &background, threshold_sigma);
+    let found = without_spikes(image, &background, threshold_sigma, SPIKE_SHARE, &candidates);
     measured(image, &background, found, options)
 }
 
@@ -247,7 +249,7 @@ fn measure(
     let matched = Window::matched(spot_sigma_px);
     let weight = matched.sigma_px;
     let window = centroid::windowed(image, background, start, matched, &skip)?;
-    let noise = background.noise_dn(start[0], start[1]);
+    let noise = background.alike() * background.noise_dn(start[0], start[1]);
     let per_dn = options.gain_e_per_dn.map_or(0.0, |gain| 1.0 / gain);
     // Of a Gaussian spot in the window: its light is ratio / (ratio + 1) of the whole, and so is the
     // weighted mean's share of a shift.

@@ -6,7 +6,7 @@ use fitsio_pure::hdu::{HduInfo, parse_fits};
 use fitsio_pure::image::read_image_physical_f32;
 use retina_files::{InputError, MOST_IMAGE_PIXELS};
 
-use crate::CameraImage;
+use crate::{CameraImage, Steps};
 
 /// Bytes of a block; headers and data fill whole ones (FITS standard 4.0, section 3).
 const BLOCK_BYTES: usize = 2880;
@@ -53,8 +53,10 @@ pub(crate) fn read(path: &Path, bytes: &[u8]) -> Result<(CameraImage, Option<u32
             .found(format!("{} pixels", values.len()))
             .expected(pixels));
     }
+    let whole = values.iter().all(|value| value.fract() == 0.0);
+    let steps = if whole { Steps::Whole } else { Steps::Fine };
     let bits = (bitpix > 0 && bitpix <= 16).then_some(bitpix as u32);
-    Ok((CameraImage { width_px, height_px, values, full_scale_dn: f32::MAX }, bits))
+    Ok((CameraImage { width_px, height_px, values, full_scale_dn: f32::MAX, steps }, bits))
 }
 
 /// Refuses a file whose headers claim more data than it has, or sizes that are none.

@@ -1,6 +1,7 @@
 //! Camera images, and the points of light in them.
 //!
 //! - [`CameraImage`]: grey digital numbers from PNG, TIFF or FITS, and back.
+//! - [`Photograph`]: the light of an ordinary camera's picture, JPEG and colour too, with its EXIF data.
 //! - [`Background`]: level and noise of an image on a mesh that follows gradients.
 //! - [`detect_points`]: finds points of light and measures each to a small fraction of a pixel.
 //!
@@ -19,21 +20,27 @@
 //! assert!((found.points[0].x_px - 30.2).abs() < 0.01);
 //! ```
 
+mod alike;
 mod background;
 mod camera_image;
 mod candidates;
 mod centroid;
 mod detect;
+mod exif;
 mod fits;
 mod pages;
+mod photograph;
 mod plateau;
+mod raw_files;
 mod read;
 mod width;
 mod width_field;
 mod write;
 
 pub use background::Background;
-pub use camera_image::CameraImage;
+pub use camera_image::{CameraImage, Steps};
 pub use centroid::Centroid;
 pub use detect::{Area, DetectOptions, Detection, LightPoint, detect_points, detect_points_in};
-pub use read::{IS_COLOUR, ReadOptions};
+pub use exif::Exif;
+pub use photograph::{Coding, Photograph, PhotographOptions};
+pub use read::ReadOptions;

@@ -15,16 +15,32 @@ struct Tiff<'a> {
     entry_bytes: u64,
 }
 
-/// The pages of a TIFF that are pictures of their own, without small copies of others; 0 where the bytes are no TIFF.
-pub(crate) fn tiff_pages(bytes: &[u8]) -> usize {
+/// How a file counts, where it is a TIFF.
+fn tiff(bytes: &[u8]) -> Option<Tiff<'_>> {
     let little_endian = bytes.starts_with(b"II");
     let small = Tiff { bytes, little_endian, place_bytes: 4, count_bytes: 2, entry_bytes: 12 };
-    let tiff = match small.number(2, 2) {
-        Some(42) => small,
+    match small.number(2, 2) {
+        Some(42) => Some(small),
         // A big TIFF counts in 8 bytes.
-        Some(43) => Tiff { place_bytes: 8, count_bytes: 8, entry_bytes: 20, ..small },
-        _ => return 0,
-    };
+        Some(43) => Some(Tiff { place_bytes: 8, count_bytes: 8, entry_bytes: 20, ..small }),
+        _ => None,
+    }
+}
+
+/// The first four bytes of a tag's value on a TIFF's first page.
+pub(crate) fn tiff_tag(bytes: &[u8], tag: u64) -> Option<u64> {
+    let tiff = tiff(bytes)?;
+    tiff.entry(tiff.number(tiff.place_bytes, tiff.place_bytes)?, tag)
+}
+
+/// Whether a TIFF's only page calls itself a small copy of another.
+pub(crate) fn is_copy_alone(bytes: &[u8]) -> bool {
+    tiff_pages(bytes) == 0 && tiff_tag(bytes, NEW_SUBFILE_TYPE).is_some_and(|kind| kind & 1 == 1)
+}
+
+/// The pages of a TIFF that are pictures of their own, without small copies of others; 0 where the bytes are no TIFF.
+pub(crate) fn tiff_pages(bytes: &[u8]) -> usize {
+    let Some(tiff) = tiff(bytes) else { return 0 };
     let mut pages = 0;
     let mut page = tiff.number(tiff.place_bytes, tiff.place_bytes);
     for _ in 0..MOST_PAGES {
@@ -43,17 +59,24 @@ impl Tiff<'_> {
         Some(if self.little_endian { word.iter().rev().fold(0, join) } else { word.iter().fold(0, join) })
     }
 
-    /// Whether the page at this place is a small copy of another, and where the next one is.
-    fn page(&self, at: u64) -> Option<(bool, Option<u64>)> {
+    /// The end of the entries of the page at this place.
+    fn end(&self, at: u64) -> Option<u64> {
         let entries = self.number(at, self.count_bytes)?;
         let end = entries.checked_mul(self.entry_bytes)?.checked_add(at.checked_add(self.count_bytes)?)?;
-        if end > self.bytes.len() as u64 {
-            return None;
-        }
-        let places = (at + self.count_bytes..end).step_by(self.entry_bytes as usize);
-        let mut kinds = places.filter(|&entry| self.number(entry, 2) == Some(NEW_SUBFILE_TYPE));
-        // Its value is one number of 4 bytes, at the entry's end.
-        let kind = kinds.next().and_then(|entry| self.number(entry + self.entry_bytes - self.place_bytes, 4));
+        (end <= self.bytes.len() as u64).then_some(end)
+    }
+
+    /// The first four bytes of a tag's value on the page at this place.
+    fn entry(&self, at: u64, tag: u64) -> Option<u64> {
+        let mut places = (at + self.count_bytes..self.end(at)?).step_by(self.entry_bytes as usize);
+        let entry = places.find(|&entry| self.number(entry, 2) == Some(tag))?;
+        self.number(entry + self.entry_bytes - self.place_bytes, 4)
+    }
+
+    /// Whether the page at this place is a small copy of another, and where the next one is.
+    fn page(&self, at: u64) -> Option<(bool, Option<u64>)> {
+        let end = self.end(at)?;
+        let kind = self.entry(at, NEW_SUBFILE_TYPE);
         Some((kind.is_some_and(|kind| kind & 1 == 1), self.number(end, self.place_bytes)))
     }
 }

@@ -63,8 +63,7 @@ mod tests {
     use super::*;
 
     fn image(full: &[[usize; 2]]) -> CameraImage {
-        let mut image =
-            CameraImage { width_px: 80, height_px: 80, values: vec![10.0; 6400], full_scale_dn: 4095.0 };
+        let mut image = CameraImage { values: vec![10.0; 6400], ..CameraImage::new(80, 80, 4095.0) };
         for [x, y] in full {
             image.values[y * 80 + x] = 4095.0;
         }

@@ -6,7 +6,8 @@ use image::{DynamicImage, ImageFormat};
 use retina_files::{InputError, MOST_IMAGE_PIXELS, decode_image, read_bytes};
 
 use crate::pages::tiff_pages;
-use crate::{CameraImage, fits};
+use crate::raw_files::refuse_raw;
+use crate::{CameraImage, Steps, fits};
 
 /// How a file is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -18,60 +19,84 @@ pub struct ReadOptions {
     pub colour_to_grey: bool,
 }
 
-/// The problem of a colour image where a grey one is wanted.
-pub const IS_COLOUR: &str = "is a colour image";
-
 impl CameraImage {
     /// Reads a grey PNG (8, 16 bits), TIFF (8, 16 bits, f32) or FITS image (any BITPIX, BZERO and BSCALE applied, first
-    /// row of the file at the top).
+    /// row of the file at the top) of digital numbers that are linear in light. [`Photograph`](crate::Photograph) takes
+    /// JPEG and colour.
     ///
     /// # Errors
     /// Not such a file, several pages, colour, samples that are not finite or beyond the camera's bits.
     pub fn read(path: &Path, options: ReadOptions) -> Result<Self, InputError> {
         let bytes = read_bytes(path)?;
-        let (mut image, file_bits) = if bytes.starts_with(b"SIMPLE  =") {
-            fits::read(path, &bytes)?
-        } else {
-            from_raster(path, &bytes, options)?
-        };
-        let width = image.width_px as usize;
-        if let Some(at) = image.values.iter().position(|value| !value.is_finite()) {
-            return Err(InputError::new(path, "a pixel is not finite")
-                .at(format!("pixel ({}, {})", at % width, at / width))
-                .found(image.values[at]));
+        if is_fits(&bytes) {
+            let (image, bits) = fits::read(path, &bytes)?;
+            return of_bits(path, image, options.bits.or(bits));
         }
-        let bits = options.bits.or(file_bits);
-        let Some(bits) = bits else {
-            image.full_scale_dn = f32::MAX;
-            return Ok(image);
-        };
-        image.full_scale_dn = (2f64.powi(bits.min(32) as i32) - 1.0) as f32;
-        if let Some(at) = image.values.iter().position(|&value| value > image.full_scale_dn) {
-            let shifted = image.values.iter().all(|v| (*v as u32).trailing_zeros() >= 16 - bits.min(16));
-            let help = if shifted {
-                "the samples were shifted up to fill 16 bits: save the digital numbers as the camera gives them"
-            } else {
-                "check `camera.bits` of the setup"
-            };
-            return Err(InputError::new(path, "a pixel is beyond the camera's digital numbers")
-                .at(format!("pixel ({}, {})", at % width, at / width))
-                .found(image.values[at])
-                .expected(format!("at most {} ({bits} bits)", image.full_scale_dn))
-                .help(help));
+        let (picture, format) = decode(path, &bytes)?;
+        if format == ImageFormat::Jpeg {
+            return Err(InputError::new(path, "is a JPEG, which has lost the camera's counts")
+                .expected("the camera's raw grey values: PNG, TIFF or FITS")
+                .help("save raw counts: JPEG is coded for display, and detail as faint as its noise is left out of it"));
         }
-        Ok(image)
+        let samples = Samples::of(picture);
+        if samples.channels > 1 && !options.colour_to_grey {
+            return Err(InputError::new(path, "is a colour image")
+                .found(format!("{} channels", samples.channels))
+                .expected("one grey channel")
+                .help("save the camera's raw grey values: colours are interpolated between photosites"));
+        }
+        let grey = |colours: &[f32]| colours.iter().sum::<f32>() / colours.len() as f32;
+        let bits = samples.bits;
+        of_bits(path, samples.into_image(grey), options.bits.or(bits))
     }
 }
 
-fn from_raster(
+pub(crate) fn is_fits(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"SIMPLE  =")
+}
+
+/// The image with its full scale; without bits it has none.
+pub(crate) fn of_bits(
     path: &Path,
-    bytes: &[u8],
-    options: ReadOptions,
-) -> Result<(CameraImage, Option<u32>), InputError> {
-    let expected = "a PNG, TIFF or FITS image";
+    mut image: CameraImage,
+    bits: Option<u32>,
+) -> Result<CameraImage, InputError> {
+    let width = image.width_px as usize;
+    if let Some(at) = image.values.iter().position(|value| !value.is_finite()) {
+        return Err(InputError::new(path, "a pixel is not finite")
+            .at(format!("pixel ({}, {})", at % width, at / width))
+            .found(image.values[at]));
+    }
+    let Some(bits) = bits else {
+        image.full_scale_dn = f32::MAX;
+        return Ok(image);
+    };
+    image.full_scale_dn = (2f64.powi(bits.min(32) as i32) - 1.0) as f32;
+    if let Some(at) = image.values.iter().position(|&value| value > image.full_scale_dn) {
+        let shifted = image.values.iter().all(|v| (*v as u32).trailing_zeros() >= 16 - bits.min(16));
+        let help = if shifted {
+            "the samples were shifted up to fill 16 bits: save the digital numbers as the camera gives them"
+        } else {
+            "check `camera.bits` of the setup"
+        };
+        return Err(InputError::new(path, "a pixel is beyond the camera's digital numbers")
+            .at(format!("pixel ({}, {})", at % width, at / width))
+            .found(image.values[at])
+            .expected(format!("at most {} ({bits} bits)", image.full_scale_dn))
+            .help(help));
+    }
+    Ok(image)
+}
+
+/// A picture of one page, and what its file is.
+pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<(DynamicImage, ImageFormat), InputError> {
+    refuse_raw(path, bytes)?;
     let format = match image::guess_format(bytes) {
-        Ok(format @ (ImageFormat::Png | ImageFormat::Tiff)) => format,
-        _ => return Err(InputError::new(path, "is not a camera image").expected(expected)),
+        Ok(format @ (ImageFormat::Png | ImageFormat::Tiff | ImageFormat::Jpeg)) => format,
+        _ => {
+            return Err(InputError::new(path, "is not a camera image")
+                .expected("a PNG, TIFF or FITS image, or a JPEG where a photograph will do"));
+        }
     };
     let pages = tiff_pages(bytes);
     if pages > 1 {
@@ -80,37 +105,49 @@ fn from_raster(
             .expected("one page")
             .help("save each exposure as a file of its own"));
     }
-    let picture = decode_image(path, "image", bytes, &[format], MOST_IMAGE_PIXELS)?;
-    let (width_px, height_px) = (picture.width(), picture.height());
-    let channels = usize::from(picture.color().channel_count());
-    if channels > 1 && !options.colour_to_grey {
-        return Err(InputError::new(path, IS_COLOUR)
-            .found(format!("{channels} channels"))
-            .expected("one grey channel")
-            .help("save the camera's raw grey values, or ask for the mean of the channels"));
-    }
-    let grey = |values: Vec<f32>| -> Vec<f32> {
-        // Alpha (the second of two, the fourth of four channels) is no light.
-        let colours = channels - usize::from(channels.is_multiple_of(2));
-        values.chunks(channels).map(|pixel| pixel[..colours].iter().sum::<f32>() / colours as f32).collect()
-    };
-    let (values, bits) = match picture {
-        DynamicImage::ImageLuma8(p) => (p.into_raw().into_iter().map(f32::from).collect(), Some(8)),
-        DynamicImage::ImageLuma16(p) => (p.into_raw().into_iter().map(f32::from).collect(), Some(16)),
-        picture => match picture.color().bytes_per_pixel() as usize / channels {
-            1 => {
-                let raw = picture.as_bytes().iter().map(|&v| f32::from(v)).collect();
-                (grey(raw), Some(8))
-            }
+    Ok((decode_image(path, "image", bytes, &[format], MOST_IMAGE_PIXELS)?, format))
+}
+
+/// A picture's samples as its file has them.
+pub(crate) struct Samples {
+    size_px: [u32; 2],
+    /// Of a pixel, alpha among them.
+    pub(crate) channels: usize,
+    /// Of a sample; none where it is a floating-point number.
+    pub(crate) bits: Option<u32>,
+    pub(crate) values: Vec<f32>,
+}
+
+impl Samples {
+    pub(crate) fn of(picture: DynamicImage) -> Self {
+        let size_px = [picture.width(), picture.height()];
+        let channels = usize::from(picture.color().channel_count());
+        let bytes = picture.as_bytes();
+        let (values, bits) = match picture.color().bytes_per_pixel() as usize / channels {
+            1 => (bytes.iter().map(|&v| f32::from(v)).collect(), Some(8)),
             2 => {
-                let raw = picture.as_bytes().chunks(2).map(|v| f32::from(u16::from_ne_bytes([v[0], v[1]])));
-                (grey(raw.collect()), Some(16))
+                let words = bytes.chunks_exact(2);
+                (words.map(|v| f32::from(u16::from_ne_bytes([v[0], v[1]]))).collect(), Some(16))
             }
             _ => {
-                let raw = picture.as_bytes().chunks(4).map(|v| f32::from_ne_bytes([v[0], v[1], v[2], v[3]]));
-                (grey(raw.collect()), None)
+                let words = bytes.chunks_exact(4);
+                (words.map(|v| f32::from_ne_bytes([v[0], v[1], v[2], v[3]])).collect(), None)
             }
-        },
-    };
-    Ok((CameraImage { width_px, height_px, values, full_scale_dn: f32::MAX }, bits))
+        };
+        Self { size_px, channels, bits, values }
+    }
+
+    /// Channels that are light: alpha (the second of two, the fourth of four) is none.
+    pub(crate) fn colours(&self) -> usize {
+        self.channels - usize::from(self.channels.is_multiple_of(2))
+    }
+
+    /// The grey image that this makes of each pixel's colours.
+    pub(crate) fn into_image(self, grey: impl Fn(&[f32]) -> f32) -> CameraImage {
+        let colours = self.colours();
+        let [width_px, height_px] = self.size_px;
+        let steps = if self.bits.is_some() { Steps::Whole } else { Steps::Fine };
+        let values = self.values.chunks_exact(self.channels).map(|pixel| grey(&pixel[..colours])).collect();
+        CameraImage { width_px, height_px, values, full_scale_dn: f32::MAX, steps }
+    }
 }

@@ -269,6 +269,8 @@ fn the_corpus_is_valid_and_a_fault_is_seen() {
     for file in ["fits/int16.fits", "fits/float.fits", "raster/grey16.png", "raster/grey16.tiff"] {
         assert!(retina_image::CameraImage::read(&at(file), Default::default()).is_ok(), "{file}");
     }
+    let photograph = retina_image::Photograph::read(&at("raster/exif.jpg"), Default::default()).unwrap();
+    assert_eq!((photograph.exif.focal_35mm_mm, photograph.exif.orientation), (Some(75.0), Some(6)));
     assert!(retina_corto::Settings::read(&at("corto_scene/eros.json"), &mut Vec::new()).is_ok());
     assert!(retina_corto::decode_pose(&fs::read(at("datagram/pose.bin")).unwrap()).is_ok());
     let said = fault(|bytes| assert!(bytes.is_empty(), "not empty"), b"x");

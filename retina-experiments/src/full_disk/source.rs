@@ -7,7 +7,7 @@ use retina_batch::{Selection, read_exr};
 use retina_files::{InputError, hash_bytes, hash_file, read_text};
 use retina_formats::{Calibration, MeasuredResponse, measured_or_power_law};
 use retina_geometry::Setup;
-use retina_image::{CameraImage, ReadOptions};
+use retina_image::{CameraImage, ReadOptions, Steps};
 use retina_radiometry::ScreenResponse;
 use serde::{Deserialize, Serialize};
 
@@ -459,5 +459,6 @@ fn radiance(path: &Path) -> Result<CameraImage, InputError> {
         height_px: channels.height_px as u32,
         values: values.iter().map(|value| value * scale).collect(),
         full_scale_dn: LINEAR_FULL_SCALE_DN,
+        steps: Steps::Fine,
     })
 }

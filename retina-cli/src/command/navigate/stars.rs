@@ -7,7 +7,7 @@ use glam::DVec3;
 use retina_files::InputError;
 use retina_formats::Calibration;
 use retina_geometry::Setup;
-use retina_image::{CameraImage, DetectOptions, IS_COLOUR, ReadOptions};
+use retina_image::{Coding, DetectOptions, Photograph, PhotographOptions};
 use retina_navigation::image::{ImageContext, ImageResult, solve_image};
 use retina_navigation::planets::{PAPER_POSITION_SIGMA_M, PriorPosition};
 use retina_navigation::stars::{SolverOptions, StarCamera, StarSolver};
@@ -23,11 +23,13 @@ use crate::setup::read_setup;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Star images: grey PNG, TIFF or FITS.
+    /// Star images: PNG, TIFF, FITS or JPEG.
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
     /// Setup with the camera, schema retina.setup/1.
-    #[arg(long, value_name = "FILE", required_unless_present = "fov_deg")]
+    ///
+    /// Without it and `--fov-deg`, the field of view is that of a JPEG's or TIFF's EXIF data.
+    #[arg(long, value_name = "FILE")]
     setup: Option<PathBuf>,
     /// Calibration of the facility, for images that contain its distortion.
     #[arg(long, value_name = "FILE", requires = "setup", conflicts_with = "fov_deg")]
@@ -72,12 +74,13 @@ pub(crate) struct Arguments {
     /// deviations.
     #[arg(long, default_value_t = 5.0)]
     threshold_sigma: f64,
-    /// Bits of the camera's digital numbers [default: the setup's, or those of the file].
+    /// Bits of the camera's digital numbers, where they are linear [default: the setup's, or those of
+    /// the file].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16))]
     bits: Option<u32>,
-    /// Take colour images, as the mean of their channels.
-    #[arg(long)]
-    colour: bool,
+    /// How samples stand for light [default: sRGB for JPEG and colour of 8 bits, otherwise linear].
+    #[arg(long, value_enum)]
+    coding: Option<SampleCoding>,
     /// Treat the images as mirror images.
     #[arg(long)]
     mirrored: bool,
@@ -95,24 +98,48 @@ pub(crate) struct Arguments {
     json: bool,
 }
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum SampleCoding {
+    /// In proportion to light.
+    Linear,
+    /// By the sRGB curve.
+    Srgb,
+}
+
 /// What is known of the camera.
 enum Optics {
     Setup(Box<Setup>, Option<Box<Calibration>>),
     /// Least and greatest horizontal field, rad.
     Field([f64; 2]),
+    /// Nothing but what each image's EXIF says.
+    Exif,
 }
+
+/// What is known of one image's camera.
+#[derive(Clone, Copy)]
+enum Known<'a> {
+    Camera(&'a Setup, Option<&'a Calibration>),
+    /// Least and greatest horizontal field, rad.
+    Field([f64; 2]),
+}
+
+/// A 35-mm equivalent is rounded to 1 mm, and the focal length that it comes from to a few per cent.
+const EXIF_FOCAL_SLACK: f64 = 0.08;
+
+/// Size of an image, and the bits of its field of view where no setup says it.
+type CameraKey = ([u32; 2], Option<[u64; 2]>);
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let optics = arguments.optics()?;
     let ephemeris = Ephemeris::read(&arguments.ephemeris)?;
     let (tdb_s, context) = arguments.context(&ephemeris)?;
-    let mut prepared: BTreeMap<[u32; 2], (StarCamera, StarSolver)> = BTreeMap::new();
+    let mut prepared: BTreeMap<CameraKey, (StarCamera, StarSolver)> = BTreeMap::new();
     let (mut documents, mut refused, mut worst_arcsec) = (Vec::new(), 0, 0.0f64);
     let mut unreadable: Vec<Failure> = Vec::new();
     let bar = counter(arguments.images.len() as u64, "images");
     for path in bar.wrap_iter(arguments.images.iter()) {
-        let image = match arguments.read(path, &optics) {
-            Ok(image) => image,
+        let (photograph, known) = match arguments.read(path, &optics) {
+            Ok(read) => read,
             // What other images say is not lost for it.
             Err(error) => {
                 let file = path.display().to_string();
@@ -124,21 +151,37 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
                 continue;
             }
         };
-        let (camera, solver) = prepared
-            .entry([image.width_px, image.height_px])
-            .or_insert_with_key(|&size| arguments.prepare(&optics, size, tdb_s));
+        let image = &photograph.image;
+        let size = [image.width_px, image.height_px];
+        let field = match known {
+            Known::Camera(..) => None,
+            Known::Field(field_rad) => Some(field_rad.map(f64::to_bits)),
+        };
+        let (camera, solver) =
+            prepared.entry((size, field)).or_insert_with(|| arguments.prepare(known, size, tdb_s));
         let detect = DetectOptions { threshold_sigma: arguments.threshold_sigma, ..DetectOptions::default() };
-        let result = solve_image(&image, camera, solver, &detect, &context)
+        let result = solve_image(image, camera, solver, &detect, &context)
             .map_err(|error| Failure::new(error.to_string()))?;
         match &result.solution {
             Err(_) => refused += 1,
             Ok(solution) => worst_arcsec = worst_arcsec.max(solution.rms_rad.to_degrees() * 3600.0),
         }
+        let mut notes = photograph.notes();
+        if let (Optics::Exif, Known::Field(field_rad)) = (&optics, known) {
+            let [least, greatest] = field_rad.map(f64::to_degrees);
+            notes.push(format!(
+                "horizontal field of view by its EXIF, if it was not cropped: {least:.2} to {greatest:.2} deg"
+            ));
+        }
         let file = path.display().to_string();
         if arguments.json {
-            documents.push(result.json(&file, camera, arguments.stars));
+            let mut document = result.json(&file, camera, arguments.stars);
+            document["notes"] = json!(notes);
+            documents.push(document);
         } else {
-            bar.suspend(|| print_lines(&text(&file, &result, camera)))?;
+            let mut lines = text(&file, &result, camera);
+            lines.extend(notes.iter().map(|note| format!("  note: {note}")));
+            bar.suspend(|| print_lines(&lines))?;
         }
     }
     bar.finish_and_clear();
@@ -176,7 +219,7 @@ impl Arguments {
             return Ok(Optics::Field(field_rad(text)?));
         }
         let Some(path) = &self.setup else {
-            return Err(Failure::new("the field of view is not known: give --setup or --fov-deg"));
+            return Ok(Optics::Exif);
         };
         let setup = read_setup(path)?;
         let calibration =
@@ -184,18 +227,24 @@ impl Arguments {
         Ok(Optics::Setup(Box::new(setup), calibration.map(Box::new)))
     }
 
-    fn read(&self, path: &Path, optics: &Optics) -> Result<CameraImage, Failure> {
+    /// A picture, and what is known of its camera.
+    fn read<'a>(&self, path: &Path, optics: &'a Optics) -> Result<(Photograph, Known<'a>), Failure> {
         let setup_bits = match optics {
             Optics::Setup(setup, _) => Some(setup.camera.bits),
-            Optics::Field(_) => None,
+            Optics::Field(_) | Optics::Exif => None,
         };
-        let options = ReadOptions { bits: self.bits.or(setup_bits), colour_to_grey: self.colour };
-        let image = CameraImage::read(path, options).map_err(|error| match error.problem.as_str() {
-            IS_COLOUR => {
-                error.help("save the camera's raw grey values, or give --colour: the channels' mean is taken")
-            }
-            _ => error,
-        })?;
+        let options = PhotographOptions {
+            bits: self.bits.or(setup_bits),
+            coding: match self.coding {
+                None => Coding::ByKind,
+                Some(SampleCoding::Linear) => Coding::Linear,
+                Some(SampleCoding::Srgb) => Coding::Srgb,
+            },
+            // A setup counts pixels as the sensor does, however a viewer turns them.
+            upright: !matches!(optics, Optics::Setup(..)),
+        };
+        let photograph = Photograph::read(path, options)?;
+        let image = &photograph.image;
         if let Optics::Setup(setup, _) = optics {
             let (found, expected) =
                 ([image.width_px, image.height_px], [setup.camera.width_px, setup.camera.height_px]);
@@ -207,10 +256,15 @@ impl Arguments {
                     .into());
             }
         }
-        Ok(image)
+        let known = match optics {
+            Optics::Setup(setup, calibration) => Known::Camera(setup, calibration.as_deref()),
+            Optics::Field(field_rad) => Known::Field(*field_rad),
+            Optics::Exif => Known::Field(exif_field_rad(path, &photograph)?),
+        };
+        Ok((photograph, known))
     }
 
-    fn prepare(&self, optics: &Optics, size: [u32; 2], tdb_s: Option<f64>) -> (StarCamera, StarSolver) {
+    fn prepare(&self, known: Known<'_>, size: [u32; 2], tdb_s: Option<f64>) -> (StarCamera, StarSolver) {
         let slack = self.focal_percent / 100.0;
         let mut options = SolverOptions {
             focal_ratio: [1.0 - slack, 1.0 + slack],
@@ -219,12 +273,10 @@ impl Arguments {
             ..SolverOptions::default()
         };
         options.tdb_s = tdb_s.unwrap_or(options.tdb_s);
-        let mut camera = match optics {
-            Optics::Setup(setup, calibration) => {
-                StarCamera::from_setup(setup, calibration.as_deref().cloned())
-            }
-            Optics::Field([least, greatest]) => {
-                let [short, long] = [*greatest, *least].map(|field| 1.0 / (0.5 * field).tan());
+        let mut camera = match known {
+            Known::Camera(setup, calibration) => StarCamera::from_setup(setup, calibration.cloned()),
+            Known::Field([least, greatest]) => {
+                let [short, long] = [greatest, least].map(|field| 1.0 / (0.5 * field).tan());
                 let middle = (short * long).sqrt();
                 options.focal_ratio[0] *= short / middle;
                 options.focal_ratio[1] *= long / middle;
@@ -286,6 +338,30 @@ impl Arguments {
             _ => Ok(None),
         }
     }
+}
+
+/// Least and greatest horizontal field by the 35-mm equivalent, rad.
+fn exif_field_rad(path: &Path, photograph: &Photograph) -> Result<[f64; 2], InputError> {
+    let size = [photograph.image.width_px, photograph.image.height_px];
+    let unknown = |found: String| {
+        InputError::new(path, "the field of view is not known")
+            .found(found)
+            .expected("a 35-mm equivalent in the EXIF data, of a field below 90 deg")
+            .help("give --fov-deg or --setup")
+    };
+    let focal_px = photograph.exif.focal_px(size).ok_or_else(|| {
+        unknown(match photograph.exif.focal_mm {
+            Some(mm) => format!("a focal length of {mm} mm without its 35-mm equivalent"),
+            None => "no EXIF data that tell it".to_owned(),
+        })
+    })?;
+    let field_rad = |share: f64| 2.0 * (0.5 * f64::from(size[0]) / (share * focal_px)).atan();
+    let fields_rad = [field_rad(1.0 + EXIF_FOCAL_SLACK), field_rad(1.0 - EXIF_FOCAL_SLACK)];
+    let [least, greatest] = fields_rad.map(f64::to_degrees);
+    if least < 0.1 || greatest >= 90.0 {
+        return Err(unknown(format!("{least:.2} to {greatest:.2} deg")));
+    }
+    Ok(fields_rad)
 }
 
 fn earth(ephemeris: &Ephemeris, tdb_s: f64) -> Result<State, Failure> {
