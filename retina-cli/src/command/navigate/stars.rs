@@ -81,6 +81,9 @@ pub(crate) struct Arguments {
     /// How samples stand for light [default: sRGB for JPEG and colour of 8 bits, otherwise linear].
     #[arg(long, value_enum)]
     coding: Option<SampleCoding>,
+    /// Colour images are always taken; older command lines ask for it.
+    #[arg(long = "colour", hide = true)]
+    _colour: bool,
     /// Treat the images as mirror images.
     #[arg(long)]
     mirrored: bool,
