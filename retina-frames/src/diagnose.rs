@@ -130,7 +130,11 @@ pub fn diagnose_frames(
         let range = |p: &Parameter| set.plausible(candidate.effect, &p.name);
         candidate.implausible = implausible(candidate.parameters.iter().map(|p| (p, range(p))));
         candidate.heldout_rms = ladder[given + k + 1].heldout_rms;
-        out.physical[k] = set.part(candidate.effect).and_then(|part| physical(part, &candidate.parameters));
+        // What cannot be is no quantity of anything.
+        out.physical[k] = set
+            .part(candidate.effect)
+            .filter(|_| candidate.implausible.is_empty())
+            .and_then(|part| physical(part, &candidate.parameters));
     }
     let later = found.candidates.into_iter().filter(|c| !out.accepted.contains(&c.effect));
     out.candidates = decided.into_iter().chain(later).collect();
