@@ -1,16 +1,15 @@
 //! What pixels share with pixels at some distance: structure of any shape, from one pixel to a few dozen.
 //!
 //! With e_i the whitened errors, T = sum of e_i e_j over the pairs whose distance lies in a ring. The noise of pixels is
-//! their own: without structure T has mean 0 and variance sum e_i^2 e_j^2, whatever the noise's shape, and T over its root is a
-//! normal deviate (P. Moran, Biometrika 37, 1950, over distances). Pictures that were compressed or interpolated
+//! their own: without structure T has mean 0 and variance sum e_i^2 e_j^2, whatever the noise's shape, and T over its
+//! root is a normal deviate (P. Moran, Biometrika 37, 1950, over distances). Pictures that were compressed or interpolated
 //! share noise within a few pixels by themselves: [`Pixels::shared_within_px`] says how far.
 //!
 //! [`Pixels::shared_within_px`]: crate::Pixels::shared_within_px
 
-use std::collections::HashMap;
-
 use crate::data::Pixels;
 use crate::pairs::{Look, NINETY_FIVE, Shared};
+use crate::pixel_noise::cells;
 use crate::score::Frame;
 
 /// Rings by their inner and outer radius, in pixels or bins.
@@ -94,11 +93,8 @@ pub(crate) fn look(frame: &Frame<'_>, pixels: &Pixels, floor: f64) -> Look {
 }
 
 fn rings(frame: &Frame<'_>, pixels: &Pixels, error: &[f64]) -> Vec<Ring> {
-    let of = |px: f64| (px / pixels.pitch_px).floor() as i64;
-    let rows: HashMap<(usize, i64, i64), usize> = (0..pixels.place.len())
-        .filter(|&row| frame.weights.weight[row] > 0.0)
-        .map(|row| ((pixels.place[row][0] as usize, of(pixels.place[row][1]), of(pixels.place[row][2])), row))
-        .collect();
+    let (cells, mut rows) = cells(&pixels.place, pixels.pitch_px);
+    rows.retain(|_, row| frame.weights.weight[*row] > 0.0);
     RINGS
         .iter()
         .filter(|[inner, _]| inner * pixels.pitch_px > pixels.shared_within_px)
@@ -113,8 +109,7 @@ fn rings(frame: &Frame<'_>, pixels: &Pixels, error: &[f64]) -> Vec<Ring> {
             let offsets: Vec<[i64; 2]> = all.filter(near).collect();
             let (mut total, mut squares, mut pairs) = (0.0, 0.0, 0.0);
             // Sums in the rows' order: a map's own order differs from run to run.
-            for (row, place) in pixels.place.iter().enumerate() {
-                let (image, x, y) = (place[0] as usize, of(place[1]), of(place[2]));
+            for (row, &(image, x, y)) in cells.iter().enumerate() {
                 if frame.weights.weight[row] <= 0.0 {
                     continue;
                 }

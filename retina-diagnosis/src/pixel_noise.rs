@@ -1,9 +1,9 @@
 //! Noise of pixels, apart from any model.
 //!
-//! A prediction takes out what it can, second differences what is smooth. What is left in a small window is noise, and structure where there is any.
-//! Structure only adds, so the tenth of windows with the least hold noise nearly alone: its variance follows the light
-//! as v = a + b s (read noise and photons), fitted to that tenth. It is an upper limit where an image has fine structure
-//! everywhere.
+//! A prediction takes out what it can, second differences what is smooth. What is left in a small window is noise, and
+//! structure where there is any. Structure only adds, so the tenth of windows with the least hold noise nearly alone: its
+//! variance follows the light as v = a + b s (read noise and photons), fitted to that tenth. It is an upper limit where
+//! an image has fine structure everywhere, and too small where neighbours share noise (JPEG, interpolated colour).
 
 use std::collections::HashMap;
 
@@ -70,6 +70,8 @@ pub struct Neighbours<'a> {
     pub pitch_px: f64,
     /// Standard deviation of what the prediction leaves, of pixels of like brightness, DN: noise is no more.
     pub left: Option<&'a [f64]>,
+    /// Pixels nearer than this share noise, px: what they share is then not taken off.
+    pub shared_within_px: f64,
     /// Smallest standard deviation that a pixel can have, DN: that of its rounding.
     pub least_noise: f64,
 }
@@ -82,7 +84,8 @@ pub fn white_noise(pixels: Neighbours<'_>) -> Option<White> {
     }
     let least = pixels.least_noise.powi(2).max(f64::MIN_POSITIVE);
     let [a, b] = lower_tenth(&windows, least);
-    let unshared = (1.0 - pixels.left.map_or(0.0, |left| shared_part(pixels, left))).sqrt();
+    let own = pixels.left.filter(|_| pixels.shared_within_px < pixels.pitch_px);
+    let unshared = (1.0 - own.map_or(0.0, |left| shared_part(pixels, left))).sqrt();
     let sigma = |(row, level): (usize, f64)| {
         let sigma = ((a + b * level) / QUANTILE).max(least).sqrt();
         pixels.left.map_or(sigma, |left| sigma.min(unshared * left[row]))
@@ -91,17 +94,19 @@ pub fn white_noise(pixels: Neighbours<'_>) -> Option<White> {
     Some(White { sigma_dn: levels(pixels).into_iter().enumerate().map(sigma).collect(), source })
 }
 
-type Cell = (usize, i64, i64);
+/// Frame, column and row of a pixel.
+pub(crate) type Cell = (usize, i64, i64);
 
-fn cells(pixels: Neighbours<'_>) -> (Vec<Cell>, HashMap<Cell, usize>) {
-    let of = |px: f64| (px / pixels.pitch_px).floor() as i64;
-    let cells: Vec<Cell> = pixels.place.iter().map(|p| (p[0] as usize, of(p[1]), of(p[2]))).collect();
+/// The cell of each pixel, and the pixel of each cell.
+pub(crate) fn cells(place: &[[f64; 3]], pitch_px: f64) -> (Vec<Cell>, HashMap<Cell, usize>) {
+    let of = |px: f64| (px / pitch_px).floor() as i64;
+    let cells: Vec<Cell> = place.iter().map(|p| (p[0] as usize, of(p[1]), of(p[2]))).collect();
     let rows = cells.iter().enumerate().map(|(row, cell)| (*cell, row)).collect();
     (cells, rows)
 }
 
 fn windows(pixels: Neighbours<'_>) -> Vec<Window> {
-    let (cells, rows) = cells(pixels);
+    let (cells, rows) = cells(pixels.place, pixels.pitch_px);
     let error: Vec<f64> = pixels.measured.iter().zip(pixels.predicted).map(|(m, p)| m - p).collect();
     let mask = |row: usize| -> Option<f64> {
         let (frame, x, y) = cells[row];
@@ -138,7 +143,7 @@ const CLEARLY: f64 = 3.0;
 
 /// The part of the errors' squares that pixels beside each other share: it is not the noise of one pixel.
 fn shared_part(pixels: Neighbours<'_>, left: &[f64]) -> f64 {
-    let (cells, rows) = cells(pixels);
+    let (cells, rows) = cells(pixels.place, pixels.pitch_px);
     let error: Vec<f64> =
         (0..cells.len()).map(|row| (pixels.measured[row] - pixels.predicted[row]) / left[row]).collect();
     let (mut total, mut squares, mut pairs) = (0.0, 0.0, 0.0);
@@ -158,7 +163,7 @@ fn shared_part(pixels: Neighbours<'_>, left: &[f64]) -> f64 {
 
 /// Means of what was measured over the neighbours, DN.
 fn levels(pixels: Neighbours<'_>) -> Vec<f64> {
-    let (cells, rows) = cells(pixels);
+    let (cells, rows) = cells(pixels.place, pixels.pitch_px);
     let mean = |(frame, x, y): &Cell| {
         let around = (0..9).filter_map(|k| rows.get(&(*frame, x + k % 3 - 1, y + k / 3 - 1)));
         let (sum, count) = around.fold((0.0, 0.0), |(s, n), &row| (s + pixels.measured[row], n + 1.0));

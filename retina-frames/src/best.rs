@@ -50,6 +50,7 @@ impl FrameSet {
             place: &self.places(),
             pitch_px: self.pitch_px(),
             left: Some(&left),
+            shared_within_px: self.shared_within_px,
             least_noise: self.rows.least_noise,
         })
     }

@@ -69,7 +69,7 @@ pub struct FrameSet {
     notes: Vec<String>,
     saturated: usize,
     /// Pixels nearer than this share noise, px.
-    shared_within_px: f64,
+    pub(crate) shared_within_px: f64,
 }
 
 impl FrameSet {

@@ -144,6 +144,7 @@ impl Dataset {
                 place: &pixels.place,
                 pitch_px: pixels.pitch_px,
                 left: None,
+                shared_within_px: pixels.shared_within_px,
                 least_noise: pixels.least_noise,
             })
         });
