@@ -203,8 +203,7 @@ impl Facility {
             E::ThinPrism => wrong.objective.prism = pair.map(|v| v / (u * u)),
             E::RadialHigherOrder => wrong.objective.radial_r4 = value / u.powi(5),
             E::ScreenBow => {
-                let edge = self.setup.screen.height_mm / 2.0 * f64::from(camera.width_px)
-                    / f64::from(camera.height_px);
+                let edge = u * self.setup.facility_pinhole().fx_px * self.display.pitch_mm[0];
                 wrong.screen.bow_per_mm = pair.map(|v| v / (edge * edge));
             }
             E::FluxComa => wrong.objective.coma_mm = value / u,

@@ -2,7 +2,7 @@
 //! good thing, Statistical Science 6, 1991): what its coefficients' covariance leaves open, and smooth modes beyond its
 //! polynomial's degree for what that cannot follow, whose size is estimated from the data.
 
-use glam::DVec2;
+use glam::{DMat2, DVec2};
 use retina_formats::Calibration;
 use retina_geometry::InverseDistortion;
 
@@ -85,6 +85,13 @@ impl HeldModel {
             sight,
             l: l.iter().map(held).collect(),
         }
+    }
+
+    /// What a step of the displayed line of sight moves a row's line of sight by (columns); `None` of a calibration that
+    /// has no inverse.
+    pub(crate) fn sight_per_displayed(&self, row: usize) -> Option<DMat2> {
+        let inverse = self.inverse.as_ref()?;
+        Some(inverse.jacobian(self.sight[row], self.l[row]).inverse())
     }
 
     /// Degree of its polynomial.

@@ -2,6 +2,7 @@
 
 use retina_formats::{EffectId, PointsEffect, PowerEffect};
 
+use crate::catalogue::optical_centre_gain;
 use crate::data::{ARCSEC_PER_RAD, Dataset};
 use crate::estimate::Parameter;
 
@@ -54,8 +55,8 @@ impl Along {
 /// `parameters` are the effect's own, `k1_arcsec` the baseline's radial term where it is fitted.
 ///
 /// A camera turned by tau moves a line of sight u (tangents) by -tau (u . e) u, which in units of half the camera's width
-/// w is tau w^2; a display turned by tau by k tau (u . e) u, k from the chief rays ([`retina_geometry::DisplayRays`]). A roll by rho moves the edge by rho w, a focal length that is longer
-/// by a part eps by eps w.
+/// w is tau w^2; a display turned by tau by k tau (u . e) u, k from rays ([`retina_geometry::DisplayRays`]).
+/// A roll by rho moves the edge by rho w, a focal length that is longer by a part eps by eps w.
 pub(crate) fn physical(
     data: &Dataset,
     effect: EffectId,
@@ -126,15 +127,18 @@ fn of_points(
             made("sag_at_half_width", sag.size(), "um", remedy)
         }
         E::OpticalCentre => {
-            let k1 = k1_arcsec.filter(|k1| k1.abs() > 1.0)?;
-            let px = w * ARCSEC_PER_RAD / data.screen_pixel_arcsec;
-            let along = Along::of(parameters, -px / k1)?;
+            // The lens about another point is known from a calibration or its prescription, else from the fitted k1.
+            let gain = optical_centre_gain(data)
+                .or_else(|| Some(k1_arcsec.filter(|k1| k1.abs() > 1.0)? / (w * ARCSEC_PER_RAD)))?;
+            let along = Along::of(parameters, -1.0 / (gain * data.screen_pixel_arcsec))?;
             let remedy =
                 format!("move the display, or the principal point of K_f, by {} of the screen", along.text("px"));
             made("centre_off_axis", along.size(), "px", remedy)
         }
         E::Decentering => {
-            let along = Along::of(parameters, 1.0)?;
+            // At half the camera's width along x: (3 p1 w^2, p2 w^2).
+            let mut along = Along::of(parameters, 1.0)?;
+            along.x = along.x.map(|value| 3.0 * value);
             let remedy = format!("centre the objective, or calibrate with p1, p2: {}", along.text("arcsec"));
             made("decentring_at_half_width", along.size(), "arcsec", remedy)
         }

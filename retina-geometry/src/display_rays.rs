@@ -25,6 +25,38 @@ impl DisplayRays {
         even(self.tangent_per_depth, r)
     }
 
+    /// The line of sight's tangent of what a pinhole of the same focal length would show at u: the r with r h(r) = u h(0).
+    /// Heights grow with the tangent in any lens of use; a few steps of Newton's method settle.
+    pub fn tangent_of_displayed(&self, u: f64) -> f64 {
+        let h0 = self.height_mm[0];
+        let mut r = u;
+        for _ in 0..8 {
+            r -= (r * even(self.height_mm, r) - u * h0) / self.height_per_tangent_mm(r);
+        }
+        r
+    }
+
+    /// What a shift of the display moves lines of sight by, at the displayed place u (tangents): dr/du, by columns.
+    pub fn sight_per_displayed(&self, u: [f64; 2]) -> [[f64; 2]; 2] {
+        let length = u[0].hypot(u[1]);
+        let r = self.tangent_of_displayed(length);
+        let along = self.height_mm[0] / self.height_per_tangent_mm(r);
+        if length == 0.0 {
+            return [[along, 0.0], [0.0, along]];
+        }
+        let across = r / length;
+        let [a, b] = u.map(|c| c / length);
+        let more = along - across;
+        [[across + more * a * a, more * a * b], [more * a * b, across + more * b * b]]
+    }
+
+    /// d(r h(r)) / dr, mm.
+    fn height_per_tangent_mm(&self, r: f64) -> f64 {
+        let [h0, h1, h2] = self.height_mm;
+        let r2 = r * r;
+        h0 + r2 * (3.0 * h1 + 5.0 * r2 * h2)
+    }
+
     /// What a tilt adds near the axis: a display turned by tau moves u (tangents) by k tau (u . e) u, with this k; -1 for
     /// a pinhole (Hartley and Zisserman, Multiple View Geometry, sec. 2.3: X = f r on a plane at f + dz).
     pub fn tilt_gain(&self) -> f64 {
@@ -35,4 +67,38 @@ impl DisplayRays {
 fn even([a, b, c]: [f64; 3], r: f64) -> f64 {
     let r2 = r * r;
     a + r2 * (b + r2 * c)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::DisplayRays;
+
+    /// Against differences of the mapping itself, r h(r) = u h(0), solved by bisection.
+    #[test]
+    fn a_shift_moves_lines_of_sight_as_the_mapping_does() {
+        let lens = DisplayRays { height_mm: [50.0, -30.0, 200.0], tangent_per_depth: [-0.02, 0.0, 0.0] };
+        let seen = |[x, y]: [f64; 2]| {
+            let u = x.hypot(y);
+            let (mut low, mut high) = (0.0f64, 1.0);
+            for _ in 0..60 {
+                let r = 0.5 * (low + high);
+                if r * (50.0 - 30.0 * r * r + 200.0 * r.powi(4)) < 50.0 * u { low = r } else { high = r }
+            }
+            [x, y].map(|c| c * low / u)
+        };
+        let h = 1e-5;
+        for u in [[0.001, 0.0], [0.05, -0.08], [0.13, 0.15]] {
+            let found = lens.sight_per_displayed(u);
+            for axis in 0..2 {
+                let (mut up, mut down) = (u, u);
+                up[axis] += h;
+                down[axis] -= h;
+                let (up, down) = (seen(up), seen(down));
+                for k in 0..2 {
+                    let slope = (up[k] - down[k]) / (2.0 * h);
+                    assert!((found[axis][k] - slope).abs() < 1e-6, "{u:?}: {found:?}, {slope}");
+                }
+            }
+        }
+    }
 }

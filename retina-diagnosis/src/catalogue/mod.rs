@@ -38,6 +38,7 @@ use retina_formats::{EffectId, TableKind};
 
 use crate::data::{Dataset, Term};
 
+pub(crate) use point_forms::optical_centre_gain;
 pub(crate) use wide::wide;
 
 /// One form of an effect: its shape parameters fixed, linear in its amplitudes.

@@ -1,8 +1,12 @@
 //! The forms of effects on points: columns over a campaign's rows.
 
+use std::sync::Arc;
+
+use glam::{DMat2, DVec2};
 use retina_formats::Channel;
 
 use crate::data::{Dataset, Term};
+use crate::field::Held;
 
 use super::{Variant, lagged, need, plain, step_times, to_unit};
 
@@ -43,6 +47,59 @@ pub(super) fn decentering(data: &Dataset) -> Vec<Term<'_>> {
         Term::new("a_arcsec", move |i| [3.0 * x[i] * x[i] + y[i] * y[i], 2.0 * x[i] * y[i]]),
         Term::new("b_arcsec", move |i| [2.0 * x[i] * y[i], x[i] * x[i] + 3.0 * y[i] * y[i]]),
     ]
+}
+
+/// What a shift of the display by a unit of tangent moves a row's line of sight by, beyond a shift of the whole field: of
+/// the calibration that is held, or of the lenses. `None` where neither is known.
+fn by_display_shift(data: &Dataset, row: usize) -> Option<DMat2> {
+    let held = match &data.held {
+        Some(Held::Geometry(model)) => model.sight_per_displayed(row),
+        _ => None,
+    };
+    let slope = held.or_else(|| {
+        let (x, y) = xy(data);
+        let u = [x[row], y[row]].map(|c| c * data.half_tan);
+        Some(DMat2::from_cols_array_2d(&data.display?.sight_per_displayed(u)))
+    })?;
+    Some(slope - DMat2::IDENTITY)
+}
+
+/// The lens's own distortion about another point, in arcsec of Brown's decentring that is nearest to it.
+pub(super) fn optical_centre(data: &Dataset) -> Vec<Variant<'_>> {
+    let Some((columns, gain)) = about_another_point(data) else { return plain(decentering(data)) };
+    let columns = Arc::new(columns);
+    let term = |name: &str, axis: usize| {
+        let columns = columns.clone();
+        Term::new(name, move |i| (columns[i].col(axis) / gain).to_array())
+    };
+    plain(vec![term("a_arcsec", 0), term("b_arcsec", 1)])
+}
+
+/// What a shift of the display by one arcsec is in the amplitudes of [`optical_centre`]; `None` where neither lenses nor
+/// calibration are known, or they bend nothing.
+pub(crate) fn optical_centre_gain(data: &Dataset) -> Option<f64> {
+    about_another_point(data).map(|(_, gain)| gain)
+}
+
+/// Distortion below this part of a shift is none.
+const BENDS: f64 = 1e-5;
+
+fn about_another_point(data: &Dataset) -> Option<(Vec<DMat2>, f64)> {
+    let columns = (0..data.len()).map(|row| by_display_shift(data, row)).collect::<Option<Vec<DMat2>>>()?;
+    let (x, y) = xy(data);
+    let (mut cross, mut square) = (0.0, 0.0);
+    for (i, column) in columns.iter().enumerate() {
+        let brown = DMat2::from_cols(
+            DVec2::new(3.0 * x[i] * x[i] + y[i] * y[i], 2.0 * x[i] * y[i]),
+            DVec2::new(2.0 * x[i] * y[i], x[i] * x[i] + 3.0 * y[i] * y[i]),
+        );
+        for axis in 0..2 {
+            cross += brown.col(axis).dot(column.col(axis));
+            square += brown.col(axis).length_squared();
+        }
+    }
+    let gain = cross / square;
+    (gain.abs() > BENDS).then_some((columns, gain))
 }
 
 pub(super) fn thin_prism(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {

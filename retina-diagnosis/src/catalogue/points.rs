@@ -3,8 +3,8 @@
 use retina_formats::PointsEffect;
 
 use super::point_forms::{
-    background, bow, camera_phase, decentering, drift, flux_coma, flux_shift, knock, lateral_colour, radial,
-    roll_drift, row_load, screen_phase, subpixel, thermal, thin_prism, tilt, wedge,
+    background, bow, camera_phase, decentering, drift, flux_coma, flux_shift, knock, lateral_colour,
+    optical_centre, radial, roll_drift, row_load, screen_phase, subpixel, thermal, thin_prism, tilt, wedge,
 };
 use super::{Entry, plain};
 
@@ -41,12 +41,12 @@ pub(super) fn entry(effect: PointsEffect) -> Entry {
             |d| Ok(plain(decentering(d)))
         ),
         E::OpticalCentre => entry!(
-            "k1 about another point: a (r^2 + 2 x^2, 2 x y) + b (2 x y, r^2 + 2 y^2), tied to k1",
+            "the distortion about another point; of k1: a (r^2 + 2 x^2, 2 x y) + b (2 x y, r^2 + 2 y^2)",
             BROWN,
             &["x", "y"],
             "2 px of the screen matter",
             Some(("magnification", "the other configuration")),
-            |d| Ok(plain(decentering(d)))
+            |d| Ok(optical_centre(d))
         ),
         E::ThinPrism => entry!(
             "(a, b) r^2",
