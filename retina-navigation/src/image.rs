@@ -2,12 +2,13 @@
 
 use std::time::Instant;
 
-use retina_image::{CameraImage, DetectOptions, Detection, detect_points};
+use retina_image::{CameraImage, DetectOptions, detect_points, detect_points_in};
 use retina_sky::ephemeris::EphemerisError;
 use retina_sky::observer::Observer;
 use serde_json::{Value, json};
 
 use crate::planets::{PlanetSight, PriorPosition, identify_planets};
+use crate::seen::Seen;
 use crate::stars::{Refusal, StarCamera, StarPoint, StarSolution, StarSolver};
 
 /// Centroids of stars in focus are good to a fifth of a pixel, faint ones included.
@@ -20,13 +21,17 @@ pub struct ImageContext {
     pub observer: Option<Observer>,
     /// Where the camera is, for planets.
     pub prior: Option<PriorPosition>,
+    /// Pixels (row by row) in which points are looked for; all where absent.
+    pub mask: Option<Vec<bool>>,
 }
 
 /// What an image gave.
 #[derive(Debug, Clone)]
 pub struct ImageResult {
-    /// Points found, brightest first.
+    /// Points found, brightest first; of a mirrored image flipped left to right.
     pub points: Vec<StarPoint>,
+    /// What was seen of them and tried.
+    pub seen: Seen,
     /// The attitude, or why there is none.
     pub solution: Result<StarSolution, Refusal>,
     /// Planets among the points.
@@ -37,7 +42,8 @@ pub struct ImageResult {
     pub solve_ms: f64,
 }
 
-/// Solves an image: points of light, attitude, planets.
+/// Solves an image: points of light, attitude, planets. An image that is refused is tried again with a finer background,
+/// and then with fainter points and single pixels too, before it is.
 ///
 /// # Errors
 /// The prior's epoch is outside the ephemeris.
@@ -48,11 +54,53 @@ pub fn solve_image(
     detect: &DetectOptions,
     context: &ImageContext,
 ) -> Result<ImageResult, EphemerisError> {
-    let start = Instant::now();
-    let detection: Detection = detect_points(image, detect);
-    let detect_ms = ms(start);
-    let points = camera.points(&detection.points);
-    Ok(ImageResult { detect_ms, ..solve_points(points, camera, solver, context)? })
+    let mut first: Option<ImageResult> = None;
+    let (mut hypotheses, mut times_ms) = (0, [0.0; 2]);
+    for options in attempts(detect) {
+        let start = Instant::now();
+        let detection = match &context.mask {
+            Some(mask) => detect_points_in(image, mask, &options),
+            None => detect_points(image, &options),
+        };
+        times_ms[0] += ms(start);
+        let points = camera.points(&detection.points);
+        let seen = Seen::of(image, &detection, &points, &options);
+        let result = solved(points, seen, camera, solver, context, hypotheses)?;
+        times_ms[1] += result.solve_ms;
+        hypotheses += match &result.solution {
+            Err(Refusal::NoMatch { hypotheses, .. }) => *hypotheses,
+            _ => 0,
+        };
+        let again = matches!(result.solution, Err(Refusal::NoMatch { .. } | Refusal::TooFewPoints { .. }));
+        if !again {
+            let attempts = first.map_or(1, |first| first.seen.attempts + 1);
+            let seen = Seen { attempts, ..result.seen };
+            return Ok(ImageResult { seen, detect_ms: times_ms[0], solve_ms: times_ms[1], ..result });
+        }
+        match &mut first {
+            None => first = Some(result),
+            Some(first) => first.seen.attempts += 1,
+        }
+    }
+    // What the first attempt saw is what there is to see.
+    let first = first.unwrap_or_else(|| unreachable!("there is an attempt"));
+    Ok(ImageResult { detect_ms: times_ms[0], solve_ms: times_ms[1], ..first })
+}
+
+/// Side of the cells of a background that follows steep gradients, px.
+const FINE_MESH_PX: usize = 16;
+/// Threshold of the last attempt, of the one asked for.
+const LOWER_THRESHOLD: f64 = 0.7;
+
+/// Ways to find points, one after the other.
+fn attempts(asked: &DetectOptions) -> [DetectOptions; 3] {
+    let fine = DetectOptions { mesh_px: asked.mesh_px.min(FINE_MESH_PX), ..asked.clone() };
+    let faint = DetectOptions {
+        threshold_sigma: LOWER_THRESHOLD * asked.threshold_sigma,
+        single_pixels: true,
+        ..fine.clone()
+    };
+    [asked.clone(), fine, faint]
 }
 
 /// As [`solve_image`], from points that were found already.
@@ -65,13 +113,27 @@ pub fn solve_points(
     solver: &StarSolver,
     context: &ImageContext,
 ) -> Result<ImageResult, EphemerisError> {
+    let seen = Seen { points: points.len(), attempts: 1, ..Seen::default() };
+    solved(points, seen, camera, solver, context, 0)
+}
+
+fn solved(
+    points: Vec<StarPoint>,
+    seen: Seen,
+    camera: &StarCamera,
+    solver: &StarSolver,
+    context: &ImageContext,
+    hypotheses_before: usize,
+) -> Result<ImageResult, EphemerisError> {
     let start = Instant::now();
-    let solution = solver.solve(&points, context.observer.as_ref());
+    let solution = solver.solve_again(&points, context.observer.as_ref(), hypotheses_before);
+    let mirrored = solution.as_ref().is_ok_and(|solution| solution.mirrored);
+    let points = if mirrored { points.iter().map(StarPoint::flipped).collect() } else { points };
     let planets = match (&solution, &context.prior) {
         (Ok(solution), Some(prior)) => identify_planets(solution, &points, prior, camera.half_field().0)?,
         _ => Vec::new(),
     };
-    Ok(ImageResult { points, solution, planets, detect_ms: 0.0, solve_ms: ms(start) })
+    Ok(ImageResult { points, seen, solution, planets, detect_ms: 0.0, solve_ms: ms(start) })
 }
 
 fn ms(start: Instant) -> f64 {
@@ -81,11 +143,10 @@ fn ms(start: Instant) -> f64 {
 impl ImageResult {
     /// The entry of `images` of `navigate stars --json`; `file` names the image.
     pub fn json(&self, file: &str, camera: &StarCamera, list_stars: bool) -> Value {
-        let times =
-            json!({"points": self.points.len(), "detect_ms": self.detect_ms, "solve_ms": self.solve_ms});
+        let times = json!({"points": self.points.len(), "detect_ms": self.detect_ms, "solve_ms": self.solve_ms, "seen": self.seen});
         let mut out = match &self.solution {
             Err(refusal) => json!({
-                "file": file, "solved": false, "reason": refusal.reason(), "message": refusal.to_string(),
+                "file": file, "solved": false, "reason": refusal.reason(), "message": self.refusal(refusal),
                 "ra_deg": null, "dec_deg": null, "roll_deg": null, "matches": 0, "rms_arcsec": null, "planets": [],
             }),
             Ok(solution) => self.solved_json(solution, file, camera, list_stars),
@@ -94,6 +155,11 @@ impl ImageResult {
             out.extend(times);
         }
         out
+    }
+
+    /// Why there is no answer, what was seen, and what to try.
+    pub fn refusal(&self, refusal: &Refusal) -> String {
+        format!("{refusal}. {}", self.seen.sentence(refusal))
     }
 
     /// What a solution's figures do not say by themselves: that the camera's model does not fit.
@@ -133,6 +199,7 @@ impl ImageResult {
             "fov_deg": [field(camera.pinhole.width_px), field(camera.pinhole.height_px)],
             "k1": solution.k1_sigma.map(|_| solution.fit.k1), "k1_sigma": solution.k1_sigma,
             "warning": self.warning(camera),
+            "mirrored": solution.mirrored, "hypotheses": solution.hypotheses,
             "log10_false_probability": solution.log10_false_probability,
             "zero_point_magnitude": solution.zero_point_magnitude,
         });

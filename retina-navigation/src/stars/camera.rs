@@ -29,6 +29,15 @@ pub struct StarPoint {
     pub flux: f64,
     /// Its brightest pixel is saturated: `flux` is a lower bound.
     pub saturated: bool,
+    /// It stands on the edge of something bright, in its texture, or on a line of light.
+    pub on_edge: bool,
+}
+
+impl StarPoint {
+    /// As a mirror shows it: x runs the other way.
+    pub fn flipped(&self) -> Self {
+        Self { line_of_sight: DVec2::new(-self.line_of_sight.x, self.line_of_sight.y), ..*self }
+    }
 }
 
 impl StarCamera {
@@ -87,6 +96,7 @@ impl StarCamera {
                     sigma_rad: point.sigma_px.hypot(cut_px) / self.pinhole.fx_px,
                     flux: point.flux_dn,
                     saturated: point.saturated,
+                    on_edge: point.on_line || point.bright_surroundings >= EDGE_SURROUNDINGS,
                 })
             })
             .collect()
@@ -112,6 +122,10 @@ fn saturation_sigma_px(point: &LightPoint) -> f64 {
     uneven_px.hypot(0.05)
 }
 
+/// Share of a point's surroundings that is bright from which it stands on an edge: a straight one has a half, a
+/// neighbouring star an eighth.
+const EDGE_SURROUNDINGS: f64 = 0.25;
+
 /// Taken where a spot has no shape: as large as spots at the field's edge have it.
 const LARGE_ELLIPTICITY: f64 = 0.5;
 
@@ -136,6 +150,8 @@ mod tests {
             saturation_shift_px: 0.1,
             saturation_reach_px: 4.0,
             blended: false,
+            bright_surroundings: 0.0,
+            on_line: false,
             width_px: None,
             ellipticity: Some(0.2),
             snr: 100.0,

@@ -41,8 +41,12 @@ pub struct StarSolution {
     pub log10_false_probability: f64,
     /// Magnitude of a point of flux 1; `None` where all stars are saturated.
     pub zero_point_magnitude: Option<f64>,
-    /// Triangles of stars that were looked at.
+    /// Patterns of stars that were looked at.
     pub hypotheses: usize,
+    /// The image is a mirror image: all of this is of its points flipped left to right ([`StarPoint::flipped`]).
+    ///
+    /// [`StarPoint::flipped`]: super::StarPoint::flipped
+    pub mirrored: bool,
 }
 
 impl StarSolution {
@@ -94,7 +98,7 @@ pub enum Refusal {
         if *.stopped { "; the search stopped at that number, which is its limit" } else { "" }
     )]
     NoMatch {
-        /// Triangles of stars that were looked at.
+        /// Patterns of stars that were looked at.
         hypotheses: usize,
         /// log10 of the best hypothesis' chance, over all of them.
         log10_best: f64,

@@ -273,6 +273,7 @@ impl Arguments {
             focal_ratio: [1.0 - slack, 1.0 + slack],
             log10_bound: self.log10_bound,
             most_hypotheses: self.most_hypotheses,
+            mirrored_too: true,
             ..SolverOptions::default()
         };
         options.tdb_s = tdb_s.unwrap_or(options.tdb_s);
@@ -328,7 +329,8 @@ impl Arguments {
             .map_err(|error| Failure::new(error.to_string()))?;
         let prior =
             PriorPosition { observer: observer.clone(), sigma_m: 1e3 * self.position_3_sigma_km / 3.0 };
-        Ok((Some(tdb_s), ImageContext { observer: Some(observer), prior: Some(prior) }))
+        let context = ImageContext { observer: Some(observer), prior: Some(prior), mask: None };
+        Ok((Some(tdb_s), context))
     }
 
     fn velocity(&self, ephemeris: &Ephemeris) -> Result<Option<DVec3>, Failure> {
@@ -398,7 +400,7 @@ fn vector(flag: &str, text: &str) -> Result<DVec3, Failure> {
 
 fn text(file: &str, result: &ImageResult, camera: &StarCamera) -> Vec<String> {
     let solution = match &result.solution {
-        Err(refusal) => return vec![format!("{file}: refused: {refusal}")],
+        Err(refusal) => return vec![format!("{file}: refused: {}", result.refusal(refusal))],
         Ok(solution) => solution,
     };
     let [ra, dec, roll] = solution.ra_dec_roll_rad().map(f64::to_degrees);
