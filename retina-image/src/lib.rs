@@ -33,6 +33,7 @@ mod photograph;
 mod plateau;
 mod raw_files;
 mod read;
+mod reduce;
 mod surroundings;
 mod width;
 mod width_field;
@@ -45,3 +46,4 @@ pub use detect::{DetectOptions, Detection, LightPoint, detect_points, detect_poi
 pub use exif::Exif;
 pub use photograph::{Coding, Photograph, PhotographOptions};
 pub use read::ReadOptions;
+pub use reduce::read_mask;

@@ -24,6 +24,8 @@ pub struct Seen {
     pub threshold_sigma: f64,
     /// Ways to find points that were tried.
     pub attempts: usize,
+    /// Shapes of pixels that were tried beside the camera's.
+    pub pixel_aspects: usize,
 }
 
 /// From these shares on something is the reason.
@@ -52,6 +54,7 @@ impl Seen {
             saturated_share: saturated as f64 / image.values.len().max(1) as f64,
             threshold_sigma: options.threshold_sigma,
             attempts: 1,
+            pixel_aspects: 0,
         }
     }
 
@@ -71,10 +74,13 @@ impl Seen {
         if self.saturated_share >= MUCH_SATURATED {
             seen += &format!("; {:.0} % of the pixels are saturated", 100.0 * self.saturated_share);
         }
-        let again = match self.attempts {
+        let mut again = match self.attempts {
             0 | 1 => String::new(),
-            more => format!(", with {} other thresholds and backgrounds too", more - 1),
+            more => format!("; {} other thresholds and backgrounds were tried", more - 1),
         };
+        if self.pixel_aspects > 0 {
+            again += &format!("; {} shapes of pixels were tried", self.pixel_aspects);
+        }
         format!("{seen}{again}. {}", self.advice(refusal))
     }
 
@@ -96,7 +102,7 @@ impl Seen {
             _ if self.points > MANY_POINTS => {
                 "Most of these are noise: raise --threshold-sigma, or subtract a dark frame (--dark)".to_owned()
             }
-            _ => "Check the field of view, whether pixels are square (--pixel-aspect), and whether the stars are \
+            _ => "Check the field of view, and whether the stars are \
                   points and not trails; the catalogue ends at V 8.4, so that a field of few degrees may show none \
                   of its stars"
                 .to_owned(),

@@ -60,6 +60,17 @@ impl StarCamera {
         Self { pinhole, calibration: None, mirrored: false }
     }
 
+    /// With pixels so many times as high as wide; the horizontal focal length stays.
+    pub fn with_pixel_aspect(mut self, aspect: f64) -> Self {
+        self.pinhole.fy_px = self.pinhole.fx_px / aspect;
+        self
+    }
+
+    /// The larger of a pixel's two angles, rad.
+    pub(crate) fn pixel_rad(&self) -> f64 {
+        1.0 / self.pinhole.fx_px.min(self.pinhole.fy_px)
+    }
+
     /// D^-1(C^-1 u): the line of sight of a pixel position; `None` where D cannot be inverted. A calibrated D^-1 is
     /// taken at its reference irradiance: what a point's light is in W m^-2 is not known before it is identified.
     pub fn line_of_sight(&self, pixel: DVec2) -> Option<DVec2> {
@@ -75,6 +86,22 @@ impl StarCamera {
             line_of_sight.x = -line_of_sight.x;
         }
         Some(line_of_sight)
+    }
+
+    /// The pixel position of a line of sight; `None` where there is none.
+    pub fn pixel(&self, line_of_sight: DVec2) -> Option<DVec2> {
+        let sign = if self.mirrored { -1.0 } else { 1.0 };
+        let focal = DVec2::new(sign * self.pinhole.fx_px, self.pinhole.fy_px);
+        let mut pixel = self.pinhole.pixel(DVec2::new(sign * line_of_sight.x, line_of_sight.y));
+        // Distortion is a few hundredths: each pass gains more than a digit.
+        for _ in 0..20 {
+            let off = (line_of_sight - self.line_of_sight(pixel)?) * focal;
+            pixel += off;
+            if off.length_squared() < 1e-16 {
+                return Some(pixel);
+            }
+        }
+        None
     }
 
     /// The points of a detection, brightest first; those without a line of sight are left out, and saturated ones that

@@ -31,7 +31,7 @@ pub struct SolverCatalogue {
     used: Vec<u32>,
     directions: Vec<DVec3>,
     quads: QuadTable,
-    /// One for each octave of the pixel's angle, made when it is wanted.
+    /// One for each half octave of the pixel's angle, made when it is wanted.
     skies: Vec<OnceLock<Sky>>,
     pixel_rad: [f64; 2],
 }
@@ -47,9 +47,14 @@ impl SolverCatalogue {
             used.iter().map(|&at| stars[at as usize].direction_from(DVec3::ZERO, options.tdb_s)).collect();
         let quads = QuadTable::new(&directions, options.diameters_rad);
         let [least, greatest] = options.pixel_rad;
-        let octaves = (greatest / least).log2().ceil().max(1.0) as usize;
-        let skies = (0..octaves).map(|_| OnceLock::new()).collect();
-        Self { stars, used, directions, quads, skies, pixel_rad: options.pixel_rad }
+        let steps = (2.0 * (greatest / least).log2()).ceil().max(1.0) as usize;
+        let skies = (0..steps).map(|_| OnceLock::new()).collect();
+        let catalogue = Self { stars, used, directions, quads, skies, pixel_rad: options.pixel_rad };
+        if steps == 1 {
+            // Of a known camera it is wanted in any case.
+            catalogue.sky(least);
+        }
+        catalogue
     }
 
     /// Number of patterns of four stars.
@@ -70,11 +75,11 @@ impl SolverCatalogue {
     pub(crate) fn sky(&self, pixel_rad: f64) -> &Sky {
         let [least, greatest] = self.pixel_rad;
         let count = self.skies.len() as f64;
-        let octave = (greatest / least).powf(1.0 / count);
-        let at = if octave > 1.0 { (pixel_rad / least).ln() / octave.ln() } else { 0.0 };
+        let step = (greatest / least).powf(1.0 / count);
+        let at = if step > 1.0 { (pixel_rad / least).ln() / step.ln() } else { 0.0 };
         let at = at.clamp(0.0, count - 1.0).floor();
         self.skies[at as usize].get_or_init(|| {
-            let middle_rad = least * octave.powf(at + 0.5);
+            let middle_rad = least * step.powf(at + 0.5);
             Sky::new(self.stars, &self.used, &self.directions, BLENDED_PX * middle_rad)
         })
     }

@@ -7,7 +7,7 @@ use retina_sky::observer::Observer;
 
 use super::attitude::{DirectionPair, wahba};
 use super::camera::{StarPoint, unit};
-use super::fit::{Covariance, Free, Sighting, SkyFit};
+use super::fit::{COLUMNS, Covariance, Distortion, Free, Sighting, SkyFit};
 use super::sky::Sky;
 use super::solution::{StarMatch, StarSolution};
 use super::solver::{FEWEST_POINTS, StarSolver};
@@ -15,6 +15,14 @@ use super::verify::{FEWEST_FOR_RADIAL, Verified};
 
 /// Points of the final fit.
 const FITTED_POINTS: usize = 400;
+/// Turns of matching and fitting: five where k1 is enough.
+const ROUNDS: usize = 9;
+/// Fewest stars from which five parameters of distortion are fitted.
+const FEWEST_FOR_FULL: usize = 30;
+/// Parts of which each in turn is left out of a fit.
+const PARTS: usize = 5;
+/// A richer model's gain is larger than this many of its standard errors.
+const GAIN_SIGMAS: f64 = 2.5;
 
 impl StarSolver {
     /// The final fit: all points and all stars, the radius following the residuals.
@@ -48,31 +56,53 @@ impl StarSolver {
         let mut state = Matched {
             fit,
             matches: verified.matches,
-            covariance: [[0.0; 5]; 5],
+            covariance: [[0.0; COLUMNS]; COLUMNS],
             sigma_rad: self.pixel_rad / 3.0,
             excess_rad: 0.0,
         };
         let mut radius = 1.2 * self.pixel_rad;
         let mut free = None;
-        for round in 0..5 {
+        let mut full_refused = false;
+        for round in 0..ROUNDS {
             let matches = self.match_all(points, sky, &stars, &state.fit, radius, zero_point);
             if matches.len() < FEWEST_POINTS {
                 break;
             }
-            let kind =
-                free.unwrap_or(if matches.len() >= FEWEST_FOR_RADIAL { Free::Radial } else { Free::Focal });
-            if kind == Free::Focal {
+            let distortion = free.unwrap_or(if matches.len() >= FEWEST_FOR_RADIAL {
+                Distortion::Radial
+            } else {
+                Distortion::None
+            });
+            if distortion == Distortion::None {
                 // A distortion that is no longer fitted is none: it would have no uncertainty.
                 state.fit.k1 = 0.0;
             }
+            let kind = Free { distortion, aspect: self.aspect_step.is_some() };
             let Some(next) = state.refitted(points, &direction, matches, kind, self.pixel_rad) else { break };
             state = next;
             radius = (3.5 * state.sigma_rad).clamp(0.2 * self.pixel_rad, 1.2 * self.pixel_rad);
-            // Distortion within its noise is left out, and all is fitted again without it.
-            if round == 2 && kind == Free::Radial && state.fit.k1.abs() < 3.0 * state.covariance[4][4].sqrt()
-            {
-                state.fit.k1 = 0.0;
-                free = Some(Free::Focal);
+            match (round, distortion) {
+                // Distortion within its noise is left out, and all is fitted again without it.
+                (2, Distortion::Radial) if state.fit.k1.abs() < 3.0 * state.covariance[4][4].sqrt() => {
+                    state.fit.k1 = 0.0;
+                    free = Some(Distortion::None);
+                }
+                // A richer one is taken where it foretells stars better that it has not seen. Stars of the corners may
+                // then come within reach.
+                (3.., Distortion::Radial | Distortion::None) if !full_refused => {
+                    let simple = Free { distortion, aspect: self.aspect_step.is_some() };
+                    let full = Free { distortion: Distortion::Full, aspect: self.aspect_step.is_some() };
+                    if state.foretold_better(points, &direction, simple, full) {
+                        free = Some(Distortion::Full);
+                        radius = 2.0 * self.pixel_rad;
+                    } else {
+                        full_refused = true;
+                    }
+                }
+                _ => {}
+            }
+            if round >= 4 && free != Some(Distortion::Full) {
+                break;
             }
         }
         let found: Vec<StarMatch> = state
@@ -83,6 +113,7 @@ impl StarSolver {
                     point,
                     star: sky.star(entry),
                     magnitude: sky.entry(entry).magnitude,
+                    direction: *direction.get(&entry)?,
                     residual_rad: state
                         .fit
                         .residual(points.get(point)?.line_of_sight, *direction.get(&entry)?),
@@ -97,6 +128,8 @@ impl StarSolver {
             ),
             focal_ratio_sigma: c[3][3].sqrt(),
             k1_sigma: (state.fit.k1 != 0.0).then(|| c[4][4].sqrt()),
+            higher_sigma: (c[5][5] > 0.0).then(|| [5, 6, 7, 8].map(|i| c[i][i].sqrt())),
+            aspect_sigma: self.aspect_step.map(|_| c[9][9].sqrt()),
             fit: state.fit,
             rms_rad: (squares / found.len().max(1) as f64).sqrt(),
             matches: found,
@@ -234,6 +267,49 @@ impl Matched {
         let excess = (chi2 / freedom).max(1.0);
         covariance.iter_mut().flatten().for_each(|value| *value *= excess);
         Some(Self { fit, matches, covariance, sigma_rad, excess_rad: excess2.sqrt() })
+    }
+}
+
+impl Matched {
+    /// Whether a richer model of the camera foretells stars better that were left out of the fit than a simpler one: by
+    /// the difference of their squared residuals in standard deviations, each cut off where outliers begin.
+    fn foretold_better(
+        &self,
+        points: &[StarPoint],
+        directions: &BTreeMap<usize, DVec3>,
+        simple: Free,
+        rich: Free,
+    ) -> bool {
+        if self.matches.len() < FEWEST_FOR_FULL {
+            return false;
+        }
+        let sightings: Vec<Sighting> = self
+            .matches
+            .iter()
+            .map(|&(point, entry)| Sighting {
+                measured: points[point].line_of_sight,
+                direction: directions[&entry],
+                sigma_rad: points[point].sigma_rad.hypot(self.excess_rad),
+            })
+            .collect();
+        let mut gains = Vec::with_capacity(sightings.len());
+        for part in 0..PARTS {
+            let rest: Vec<Sighting> =
+                sightings.iter().enumerate().filter(|(at, _)| at % PARTS != part).map(|(_, s)| *s).collect();
+            let fits = [simple, rich].map(|free| self.fit.refined(&rest, free, 4));
+            let [Some((simple, _)), Some((rich, _))] = fits else { return false };
+            for left in sightings.iter().skip(part).step_by(PARTS) {
+                let off2 = |fit: &SkyFit| {
+                    let off = fit.residual(left.measured, left.direction).length() / left.sigma_rad;
+                    (off * off).min(16.0)
+                };
+                gains.push(off2(&simple) - off2(&rich));
+            }
+        }
+        let count = gains.len() as f64;
+        let mean = gains.iter().sum::<f64>() / count;
+        let scatter = gains.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>() / count;
+        mean > GAIN_SIGMAS * (scatter / count).sqrt()
     }
 }
 

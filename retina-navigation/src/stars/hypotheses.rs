@@ -3,9 +3,9 @@
 use glam::{DVec2, DVec3};
 
 use super::camera::{StarPoint, unit};
-use super::fit::SkyFit;
+use super::fit::{Distortion, Free, Sighting, SkyFit};
 use super::patterns::{Patterns, fit_of};
-use super::quads::Code;
+use super::quads::{Code, code_of};
 use super::sky::Sky;
 use super::solver::{LOOSE, StarSolver};
 use super::verify::{Image, Verified};
@@ -105,7 +105,7 @@ impl StarSolver {
             log10_best: 0.0,
             found: None,
         };
-        let used = PATTERN_POINTS.min(chosen.len());
+        let used = self.pattern_points.min(chosen.len());
         let mut first = 3;
         'stages: for stage in STAGES {
             let end = stage.min(used);
@@ -175,9 +175,10 @@ impl Search<'_> {
         let at = solver.focal_steps[(first + last) / 2].ratio;
         let [a, b] = [0, 1].map(|k| unit(self.points[0][four[k]].line_of_sight / at));
         let diameter = at * chord_angle(a, b);
-        let [cx, cy, dx, dy] = code;
-        for (flipped, code) in [(false, [cx, cy, dx, dy]), (true, [cx, -cy, dx, -dy])] {
-            let end = catalogue.quads().look_up(code, off, |stars| {
+        let along = solver.aspect_step.map_or([0.0; 4], |step| self.by_aspect(four, at, code, 0.5 * step));
+        let mirror = |[cx, cy, dx, dy]: Code| [cx, -cy, dx, -dy];
+        for (flipped, code, along) in [(false, code, along), (true, mirror(code), mirror(along))] {
+            let end = catalogue.quads().look_up(code, along, off, |stars| {
                 let directions = stars.map(|star| catalogue.direction(star));
                 let ratio = diameter / chord_angle(directions[0], directions[1]);
                 if ratio < range[0] * (1.0 - SCALE_SLACK) || ratio > range[1] * (1.0 + SCALE_SLACK) {
@@ -194,12 +195,38 @@ impl Search<'_> {
         false
     }
 
+    /// By how much the code of four points changes where pixels are higher by a share.
+    fn by_aspect(&self, four: [usize; 4], focal_ratio: f64, code: Code, share: f64) -> Code {
+        let stretched = four.map(|at| {
+            let seen = self.points[0][at].line_of_sight / focal_ratio;
+            unit(DVec2::new(seen.x, seen.y * (1.0 + share)))
+        });
+        match code_of(stretched) {
+            Some(other) => std::array::from_fn(|n| other[n] - code[n]),
+            None => [0.0; 4],
+        }
+    }
+
     /// Whether four points are four stars.
     fn verified(&mut self, four: [usize; 4], directions: [DVec3; 4], ratio: f64, flipped: bool) -> bool {
         let solver = self.solver;
         let points = &self.points[usize::from(flipped)];
         let Some(fit) = fit_of(four.map(|at| points[at].line_of_sight), directions, ratio) else {
             return false;
+        };
+        let fit = if let Some(step) = solver.aspect_step {
+            let own = four.into_iter().zip(directions).map(|(at, direction)| Sighting {
+                measured: points[at].line_of_sight,
+                direction,
+                sigma_rad: solver.options.centroid_px * solver.pixel_rad,
+            });
+            let shape = Free { distortion: Distortion::None, aspect: true };
+            match fit.refined(&own.collect::<Vec<_>>(), shape, 3) {
+                Some((fit, _)) if (fit.aspect - 1.0).abs() <= step => fit,
+                _ => return false,
+            }
+        } else {
+            fit
         };
         let sky = solver.catalogue.sky(solver.pixel_rad / fit.focal_ratio);
         if !solver.confirmed(
@@ -217,6 +244,7 @@ impl Search<'_> {
             half: solver.half,
             radii_rad: self.image_radii,
             sigma_rad: solver.options.centroid_px * solver.pixel_rad,
+            aspect: solver.aspect_step.is_some(),
         };
         let Some(found) = image.verify(fit) else { return false };
         let log10 = found.log10_chance + (self.hypotheses as f64).log10();
@@ -243,7 +271,7 @@ impl StarSolver {
         let cone_rad = (self.half.length() / fit.focal_ratio).atan();
         let bright = sky.brightest(cone_rad, 3 * points.len());
         points.iter().enumerate().filter(|(at, _)| !four.contains(at)).any(|(_, point)| {
-            let place: DVec2 = point.line_of_sight / fit.focal_ratio;
+            let place: DVec2 = fit.corrected(point.line_of_sight);
             let direction = inertial_from_camera * unit(place);
             // Off the boresight the plane stretches angles, the least across the radius.
             let radius_rad = radius / (fit.focal_ratio * place.length().hypot(1.0));

@@ -29,4 +29,4 @@ pub use chance::log10_binomial_tail;
 pub use fit::SkyFit;
 pub use sky_index::SkyIndex;
 pub use solution::{Refusal, StarMatch, StarSolution, ra_dec_roll_rad};
-pub use solver::{DEFAULT_EPOCH_S, SolverOptions, StarSolver};
+pub use solver::{ASPECT_STEP, DEFAULT_EPOCH_S, SolverOptions, StarSolver};

@@ -126,5 +126,5 @@ pub(super) fn fit_of(lines_of_sight: [DVec2; 4], directions: [DVec3; 4], start: 
         Some(DMat3::from_cols(middle, across, middle.cross(across)))
     };
     let rotation = frame(units(focal_ratio))? * frame(directions)?.transpose();
-    Some(SkyFit { camera_from_inertial: DQuat::from_mat3(&rotation).normalize(), focal_ratio, k1: 0.0 })
+    Some(SkyFit::pinhole(DQuat::from_mat3(&rotation).normalize(), focal_ratio))
 }

@@ -15,8 +15,8 @@ pub(crate) type Code = [f64; 4];
 
 /// Ratio of neighbouring scales' diameters.
 const SCALE_STEP: f64 = std::f64::consts::SQRT_2;
-/// A star belongs to a scale where fewer brighter ones are within its diameter: 2.5 stars a squared diameter.
-const BRIGHTER_WITHIN: usize = 11;
+/// A star belongs to a scale where fewer brighter ones are within its diameter: 2.9 stars a squared diameter.
+const BRIGHTER_WITHIN: usize = 9;
 /// Stars that are looked at for each that a scale holds on average: where the sky is dense, faint ones are not needed.
 const LOOKED_AT: f64 = 3.0;
 /// A star beside a brighter one within this share of the diameter is none of its own.
@@ -30,7 +30,7 @@ const STEPS: f64 = 65_535.0;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Frame {
     a: DVec2,
-    along: DVec2,
+    along: f64,
     axes: [DVec3; 3],
 }
 
@@ -41,19 +41,29 @@ impl Frame {
         let axes = [x, middle.cross(x), middle];
         let flat = |v: DVec3| DVec2::new(v.dot(axes[0]), v.dot(axes[1])) / v.dot(axes[2]);
         let (a, b) = (flat(a), flat(b));
-        Some(Self { a, along: b - a, axes })
+        Some(Self { a, along: b.x - a.x, axes })
     }
 
     /// Where a star is; `None` outside the circle.
     pub(crate) fn place(&self, star: DVec3) -> Option<DVec2> {
+        self.anywhere(star).filter(|at| at.distance_squared(DVec2::new(0.5, 0.0)) <= 0.25)
+    }
+
+    fn anywhere(&self, star: DVec3) -> Option<DVec2> {
         let depth = star.dot(self.axes[2]);
         if depth <= 0.1 {
             return None;
         }
         let off = DVec2::new(star.dot(self.axes[0]), star.dot(self.axes[1])) / depth - self.a;
-        let at = off / self.along.x;
-        (at.distance_squared(DVec2::new(0.5, 0.0)) <= 0.25).then_some(at)
+        Some(off / self.along)
     }
+}
+
+/// The code of four unit vectors, wherever C and D are.
+pub(crate) fn code_of(stars: [DVec3; 4]) -> Option<Code> {
+    let frame = Frame::new(stars[0], stars[1])?;
+    let [c, d] = [frame.anywhere(stars[2])?, frame.anywhere(stars[3])?];
+    Some([c.x, c.y, d.x, d.y])
 }
 
 /// The one of a pattern's four codes (A and B, C and D exchanged) that tables hold, and its stars in that order.
@@ -116,19 +126,27 @@ impl QuadTable {
         self.codes.len()
     }
 
-    /// Calls `found` with the stars (A, B, C, D) of each pattern whose code is within `off` of one in each number, as
-    /// `code` has its points in order, until it says true; says whether it did.
-    pub(crate) fn look_up(&self, code: Code, off: f64, mut found: impl FnMut([u16; 4]) -> bool) -> bool {
+    /// Calls `found` with the stars (A, B, C, D) of each pattern whose code is within `off` of one on the line from
+    /// `code - along` to `code + along` in each number, as `code` has its points in order, until it says true; says
+    /// whether it did.
+    pub(crate) fn look_up(
+        &self,
+        code: Code,
+        along: Code,
+        off: f64,
+        mut found: impl FnMut([u16; 4]) -> bool,
+    ) -> bool {
         // The order in the table is that of the stars, which noise may exchange.
+        let slack = 2.0 * along.iter().fold(off, |most, v| most.max(off + v.abs()));
         let turned = [1.0 - code[0], -code[1], 1.0 - code[2], -code[3]];
-        for (ends, places) in [(false, code), (true, turned)] {
-            if places[0] + places[2] > 1.0 + 2.0 * off {
+        for (ends, places, along) in [(false, code, along), (true, turned, along.map(|v| -v))] {
+            if places[0] + places[2] > 1.0 + slack {
                 continue;
             }
-            for (inner, [cx, cy, dx, dy]) in
-                [(false, places), (true, [places[2], places[3], places[0], places[1]])]
-            {
-                if cx > dx + 2.0 * off {
+            for inner in [false, true] {
+                let exchanged = |v: Code| if inner { [v[2], v[3], v[0], v[1]] } else { v };
+                let (places, along) = (exchanged(places), exchanged(along));
+                if places[0] > places[2] + slack {
                     continue;
                 }
                 let restored = |[a, b, c, d]: [u16; 4]| {
@@ -136,7 +154,7 @@ impl QuadTable {
                     let [c, d] = if inner { [d, c] } else { [c, d] };
                     found([a, b, c, d])
                 };
-                if self.near([cx, cy, dx, dy], off, restored) {
+                if self.near(places, along, off, restored) {
                     return true;
                 }
             }
@@ -144,14 +162,25 @@ impl QuadTable {
         false
     }
 
-    fn near(&self, code: Code, off: f64, mut found: impl FnMut([u16; 4]) -> bool) -> bool {
+    fn near(&self, code: Code, along: Code, off: f64, mut found: impl FnMut([u16; 4]) -> bool) -> bool {
         let middle = place_of(code);
+        let reach: [f64; 4] = along.map(|v| off + v.abs());
         let range = |k: usize| {
             let bin = |v: f64| ((v.clamp(0.0, 1.0) * BINS as f64) as usize).min(BINS - 1);
-            bin(middle[k] - off)..=bin(middle[k] + off)
+            bin(middle[k] - reach[k])..=bin(middle[k] + reach[k])
         };
         let wanted = middle.map(|v| (v * STEPS).round() as i32);
-        let within = (off * STEPS).ceil() as i32;
+        let within = reach.map(|v| (v * STEPS).ceil() as i32);
+        let length2: f64 = along.iter().map(|v| v * v).sum();
+        let beside = |held: &[u16; 4]| {
+            if length2 == 0.0 {
+                return true;
+            }
+            let away: [f64; 4] = std::array::from_fn(|n| f64::from(i32::from(held[n]) - wanted[n]) / STEPS);
+            let share = away.iter().zip(&along).map(|(a, b)| a * b).sum::<f64>() / length2;
+            let share = share.clamp(-1.0, 1.0);
+            (0..4).all(|n| (away[n] - share * along[n]).abs() <= off)
+        };
         let last = range(3);
         for i in range(0) {
             for j in range(1) {
@@ -160,9 +189,9 @@ impl QuadTable {
                     let row = ((i * BINS + j) * BINS + k) * BINS;
                     let patterns =
                         self.cells[row + last.start()] as usize..self.cells[row + last.end() + 1] as usize;
-                    for (at, code) in self.codes[patterns.clone()].iter().enumerate() {
-                        let close = (0..4).all(|n| (i32::from(code[n]) - wanted[n]).abs() <= within);
-                        if close && found(self.stars[patterns.start + at]) {
+                    for (at, held) in self.codes[patterns.clone()].iter().enumerate() {
+                        let close = (0..4).all(|n| (i32::from(held[n]) - wanted[n]).abs() <= within[n]);
+                        if close && beside(held) && found(self.stars[patterns.start + at]) {
                             return true;
                         }
                     }
@@ -265,12 +294,6 @@ mod tests {
             .collect()
     }
 
-    fn code(stars: [DVec3; 4]) -> Option<Code> {
-        let frame = Frame::new(stars[0], stars[1])?;
-        let [c, d] = [frame.place(stars[2])?, frame.place(stars[3])?];
-        Some([c.x, c.y, d.x, d.y])
-    }
-
     #[test]
     fn every_pattern_is_found_in_any_order_turned_and_scaled() {
         let stars = sphere(1000);
@@ -282,7 +305,7 @@ mod tests {
             let [a, b, c, d] = four.map(|star| turn * stars[usize::from(star)]);
             for order in [[a, b, c, d], [b, a, c, d], [a, b, d, c], [b, a, d, c]] {
                 let mut seen = Vec::new();
-                table.look_up(code(order).unwrap(), 1e-4, |stars| {
+                table.look_up(code_of(order).unwrap(), [0.0; 4], 1e-4, |stars| {
                     seen.push(stars);
                     false
                 });
@@ -294,8 +317,24 @@ mod tests {
         }
         // The shape seen in a mirror is another.
         let four = table.stars[0].map(|star| stars[usize::from(star)]);
-        let mirrored = code(four).map(|[cx, cy, dx, dy]| [cx, -cy, dx, -dy]).unwrap();
-        assert!(!table.look_up(mirrored, 1e-4, |stars| stars == table.stars[0]));
+        let mirrored = code_of(four).map(|[cx, cy, dx, dy]| [cx, -cy, dx, -dy]).unwrap();
+        assert!(!table.look_up(mirrored, [0.0; 4], 1e-4, |stars| stars == table.stars[0]));
+    }
+
+    #[test]
+    fn a_line_of_codes_is_looked_up_beside_its_length() {
+        let stars = sphere(1000);
+        let table = QuadTable::new(&stars, [0.1, 0.4]);
+        for at in (0..table.len()).step_by(211) {
+            let held = code_of(table.stars[at].map(|star| stars[usize::from(star)])).unwrap();
+            let along = [0.01, -0.02, 0.005, 0.015];
+            let asked: Code = std::array::from_fn(|n| held[n] + 0.9 * along[n]);
+            let found = |asked: Code, along: Code| {
+                table.look_up(asked, along, 1e-3, |stars| stars == table.stars[at])
+            };
+            assert!(found(asked, along));
+            assert!(!found(asked, [0.0; 4]) && !found(asked, [along[0], -along[1], along[2], along[3]]));
+        }
     }
 
     proptest! {
@@ -307,7 +346,7 @@ mod tests {
             let table = QuadTable::new(&sphere(400), [0.2, 0.5]);
             let (asked, off) = ([cx, cy, dx, dy], 0.05);
             let mut found = 0;
-            table.look_up(asked, off, |_| { found += 1; false });
+            table.look_up(asked, [0.0; 4], off, |_| { found += 1; false });
             let near = |held: Code| (0..4).all(|n| (held[n] - asked[n]).abs() <= off + 1e-9);
             let all: usize = table
                 .codes

@@ -1,13 +1,14 @@
 //! The solver: from points to a verified attitude, or to a reason why not.
 
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use glam::DVec2;
 use retina_sky::observer::Observer;
 
 use super::camera::{StarCamera, StarPoint};
 use super::catalogue::{CatalogueOptions, SolverCatalogue};
-use super::hypotheses::{Focal, LEAST_DIAMETER, Outcome, focal_steps};
+use super::hypotheses::{Focal, LEAST_DIAMETER, Outcome, PATTERN_POINTS, focal_steps};
 use super::patterns::spread;
 use super::solution::{Refusal, StarSolution};
 
@@ -63,15 +64,24 @@ const GREATEST_DIAMETER: f64 = 0.8;
 /// No pattern of the catalogue's stars is smaller, rad: a circle of 0.35 deg hardly ever holds four.
 const LEAST_PATTERN_RAD: f64 = 0.006;
 
+/// Points that patterns are made of where the shape of the pixels is not known.
+const ASPECT_POINTS: usize = 12;
+/// Step between shapes of pixels that are tried, relative.
+pub const ASPECT_STEP: f64 = 0.025;
+
 /// Finds attitudes of one camera's images.
 #[derive(Debug, Clone)]
 pub struct StarSolver {
-    pub(super) catalogue: SolverCatalogue,
+    pub(super) catalogue: Arc<SolverCatalogue>,
     pub(super) options: SolverOptions,
     /// Half the image's width and height on the tangent plane.
     pub(super) half: DVec2,
     pub(super) pixel_rad: f64,
     pub(super) focal_steps: Vec<Focal>,
+    /// Points that patterns are made of.
+    pub(super) pattern_points: usize,
+    /// The shape of the pixels is known to half of this, relative, and fitted; `None` where it is known.
+    pub(super) aspect_step: Option<f64>,
 }
 
 impl StarSolver {
@@ -79,18 +89,40 @@ impl StarSolver {
     pub fn new(camera: &StarCamera, options: SolverOptions) -> Self {
         let (half, corner) = camera.half_field();
         let [least, greatest] = options.focal_ratio;
-        let pixel_rad = 1.0 / camera.pinhole.fx_px;
+        let pixel_rad = camera.pixel_rad();
         let diagonal_rad = |ratio: f64| 2.0 * (corner / ratio).atan();
-        let catalogue = SolverCatalogue::new(&CatalogueOptions {
+        let catalogue = Arc::new(SolverCatalogue::new(&CatalogueOptions {
             tdb_s: options.tdb_s,
             diameters_rad: [
                 (LEAST_DIAMETER * diagonal_rad(greatest)).max(LEAST_PATTERN_RAD),
                 (GREATEST_DIAMETER * diagonal_rad(least)).min(0.5 * PI),
             ],
             pixel_rad: [pixel_rad / greatest, pixel_rad / least],
-        });
+        }));
         let focal_steps = focal_steps([least, greatest], corner);
-        Self { catalogue, options, half, pixel_rad, focal_steps }
+        Self {
+            catalogue,
+            options,
+            half,
+            pixel_rad,
+            focal_steps,
+            pattern_points: PATTERN_POINTS,
+            aspect_step: None,
+        }
+    }
+
+    /// The solver of a camera whose pixels have about another shape, which it fits: half of [`ASPECT_STEP`] on
+    /// either side. It makes patterns of the first points alone, since shapes that are not known let more of them pass.
+    pub fn of_pixel_aspect(&self, camera: &StarCamera) -> Self {
+        let (half, corner) = camera.half_field();
+        Self {
+            half,
+            pixel_rad: camera.pixel_rad(),
+            focal_steps: focal_steps(self.options.focal_ratio, corner),
+            pattern_points: ASPECT_POINTS,
+            aspect_step: Some(ASPECT_STEP),
+            ..self.clone()
+        }
     }
 
     /// The catalogue.

@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 
 use super::camera::StarPoint;
 use super::chance::log10_binomial_tail;
-use super::fit::{Free, Sighting, SkyFit};
+use super::fit::{Distortion, Free, Sighting, SkyFit};
 use super::sky::Sky;
 
 /// The image as hypotheses are verified against it.
@@ -21,6 +21,8 @@ pub(crate) struct Image<'a> {
     pub(crate) radii_rad: [f64; 3],
     /// Standard deviation per axis that all points are given here, rad.
     pub(crate) sigma_rad: f64,
+    /// The shape of the pixels is fitted, too.
+    pub(crate) aspect: bool,
 }
 
 /// A hypothesis that was fitted to all it matches.
@@ -33,8 +35,8 @@ pub(crate) struct Verified {
     pub(crate) log10_chance: f64,
 }
 
-/// Stars that make the hypothesis, and the parameters fitted to it (attitude, focal length, k1: 5 of the 8 numbers that
-/// four stars give): their matches are no evidence, since a hypothesis is looked at only where they match.
+/// Stars that make the hypothesis, and the parameters fitted to it (attitude, focal length, k1, the pixels' shape: 6 of
+/// the 8 numbers that four stars give): their matches are no evidence, since a hypothesis is looked at only where they match.
 const MATCHES_SPENT: usize = 4;
 /// Fewest matches after which radial distortion is fitted.
 pub(crate) const FEWEST_FOR_RADIAL: usize = 12;
@@ -101,7 +103,9 @@ impl Image<'_> {
                 sigma_rad: self.sigma_rad,
             })
             .collect();
-        let free = if matches.len() >= FEWEST_FOR_RADIAL { Free::Radial } else { Free::Focal };
+        let radial = matches.len() >= FEWEST_FOR_RADIAL;
+        let distortion = if radial { Distortion::Radial } else { Distortion::None };
+        let free = Free { distortion, aspect: self.aspect };
         Some(fit.refined(&sightings, free, 2)?.0)
     }
 
