@@ -5,10 +5,11 @@
     V/bin/python validation/star_solvers.py FOLDER|IMAGE ... [--fov-deg 2..70] [--agree-arcsec 600] [--out DIR]
 
 All that Pillow or tifffile reads is taken; colours become their mean for the other two solvers, RETINA reads the
-files themselves. A solver that is not installed is left out, and said to be. tetra3rs has a database over the part
-of the range from 8 to 30 deg (from 4 deg on making it takes 40 s, from 2 deg on minutes), of its own Gaia catalogue; where it needs an estimate of the field it gets the geometric mean of the
-range and no limit of its error. cedar-solve has its default database (10 to 30 deg). Times are wall-clock: points and
-solution, without reading files and preparing catalogues.
+files themselves. A solver that is not installed is left out, and said to be. tetra3rs has a database over the part of
+the range from 8 to 30 deg (from 4 deg on making it takes 40 s, from 2 deg on minutes), of its own Gaia catalogue; where
+it needs an estimate of the field it gets the geometric mean of the range and no limit of its error. cedar-solve has its
+default database (10 to 30 deg). Times are wall-clock: points and solution, without reading files and preparing
+catalogues.
 
 Printed are a row an image, and for each solver: solved, medians of matches, residuals and time, and the greatest
 time. Two answers disagree where their boresights are farther apart than --agree-arcsec. DIR/report.json has all. The
@@ -73,7 +74,7 @@ def by_tetra3rs(paths, fov_deg):
         start = time.perf_counter()
         found = tetra3rs.extract_centroids(pixels)
         result = database.solve_from_centroids(
-            found.centroids, fov_estimate_deg=middle, image_shape=pixels.shape, fov_max_error=None)
+            found.centroids, camera_model=tetra3rs.CameraModel.from_fov(middle, pixels.shape[1], pixels.shape[0]))
         ms = 1e3 * (time.perf_counter() - start)
         answers.append({"solved": True, "ra_deg": result.ra_deg, "dec_deg": result.dec_deg, "ms": ms,
                         "matches": result.num_matches, "rms_arcsec": result.rmse_arcsec}

@@ -366,3 +366,63 @@ fn radial_distortion_that_nobody_knew_is_fitted() {
     assert!((found.fit.k1 - k1).abs() < 4.0 * sigma && sigma < 0.02, "{} +- {sigma}", found.fit.k1);
     assert!(error_arcsec(found.camera_from_inertial(), truth)[0] < 10.0);
 }
+
+#[test]
+fn the_distortion_that_left_out_stars_ask_for_is_fitted_and_no_more() {
+    let camera = wide();
+    let noise = PointNoise { systematic_px: 0.05, limiting_magnitude: 7.5, ..PointNoise::default() };
+    // Brown's model written out: k1, k2, p1, p2. 12 px at the corner, of which k1 alone would leave 1.4 px.
+    let brown = |p: DVec2, [k1, k2, p1, p2]: [f64; 4]| {
+        let r2 = p.length_squared();
+        let radial = 1.0 + k1 * r2 + k2 * r2 * r2;
+        DVec2::new(
+            p.x * radial + 2.0 * p1 * p.x * p.y + p2 * (r2 + 2.0 * p.x * p.x),
+            p.y * radial + p1 * (r2 + 2.0 * p.y * p.y) + 2.0 * p2 * p.x * p.y,
+        )
+    };
+    for (coefficients, rich) in [([-0.3, 0.0, 0.0, 0.0], false), ([-0.3, 2.0, 0.01, -0.015], true)] {
+        for seed in [7, 8, 9] {
+            let (truth, points) = field(&camera.pinhole, &noise, seed);
+            let distorted: Vec<StarPoint> = points
+                .iter()
+                .map(|p| {
+                    let m = brown(p.line_of_sight, coefficients);
+                    StarPoint { pixel: camera.pinhole.pixel(m), line_of_sight: m, ..*p }
+                })
+                .collect();
+            let found = solved(&distorted, &camera).unwrap();
+            assert_eq!(found.higher_sigma.is_some(), rich, "{seed}: {:?}", found.fit);
+            assert!(error_arcsec(found.camera_from_inertial(), truth)[0] < 15.0, "{seed}: {:?}", found.fit);
+            // 28.5 arcsec a pixel: 0.05 px systematic, and the faint stars' noise.
+            assert!(found.rms_rad / ARCSEC < 8.0, "{seed}: {}", found.rms_rad / ARCSEC);
+        }
+    }
+}
+
+#[test]
+fn the_shape_of_pixels_is_found_from_about_it() {
+    let aspect = 1.93;
+    let truth_camera = wide().with_pixel_aspect(aspect);
+    let square = StarSolver::new(&wide(), SolverOptions::default());
+    let about = wide().with_pixel_aspect(1.95);
+    let near = square.of_pixel_aspect(&about);
+    let seen_with = |points: &[StarPoint], camera: &StarCamera| -> Vec<StarPoint> {
+        points
+            .iter()
+            .map(|p| StarPoint { line_of_sight: camera.pinhole.line_of_sight(p.pixel), ..*p })
+            .collect()
+    };
+    let noise = PointNoise { false_points: 0.0, ..PointNoise::default() };
+    let mut solved = 0;
+    for seed in 0..20 {
+        let (truth, points) = field(&truth_camera.pinhole, &noise, seed);
+        // Square pixels do not explain it.
+        assert!(square.solve(&seen_with(&points, &wide()), Some(&observer())).is_err());
+        let Ok(found) = near.solve(&seen_with(&points, &about), Some(&observer())) else { continue };
+        let (fitted, sigma) = (1.95 / found.fit.aspect, 1.95 * found.aspect_sigma.unwrap());
+        assert!((fitted - aspect).abs() < 4.5 * sigma && sigma < 3e-3, "{seed}: {fitted} +- {sigma}");
+        assert!(error_arcsec(found.camera_from_inertial(), truth)[0] < 20.0, "{seed}");
+        solved += 1;
+    }
+    assert!(solved >= 14, "{solved} of 20");
+}
