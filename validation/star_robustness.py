@@ -83,6 +83,90 @@ def middle(pixels):
     return pixels[height // 4:height // 4 + height // 2, width // 4:width // 4 + width // 2]
 
 
+def rotated(pixels):
+    """By 33 deg about the middle, in a frame of the same size: black corners, as a planetarium's viewer makes them."""
+    turned = Image.fromarray(pixels.astype(np.float32)).rotate(33, resample=Image.BICUBIC, fillcolor=0)
+    return np.clip(np.round(np.asarray(turned)), 0, FULL_SCALE_DN).astype(np.uint16)
+
+
+def interlaced(pixels):
+    """One field of an interlaced camera: rows 1.93 px high, each the mean of the light in it."""
+    height = int(pixels.shape[0] / 1.93)
+    edges = np.arange(height + 1) * 1.93
+    sums = np.vstack([np.zeros(pixels.shape[1]), np.cumsum(pixels.astype(np.float64), axis=0)])
+    at = np.clip(edges, 0, pixels.shape[0])
+    low = np.minimum(at.astype(int), pixels.shape[0] - 1)
+    cumulated = sums[low] + (at - low)[:, None] * (sums[low + 1] - sums[low])
+    return np.round(np.diff(cumulated, axis=0) / 1.93).astype(np.uint16)
+
+
+def with_light(pixels, light, random):
+    """More light, with its own noise: 4 electrons a count."""
+    noisy = light + np.sqrt(np.maximum(light, 0) / 4) * random.standard_normal(pixels.shape)
+    return np.clip(np.round(pixels + noisy), 0, FULL_SCALE_DN).astype(np.uint16)
+
+
+def smooth_noise(shape, scale, random):
+    """Texture of a size in pixels: noise at that pitch, interpolated."""
+    small = random.standard_normal((int(shape[0] / scale) + 2, int(shape[1] / scale) + 2)).astype(np.float32)
+    large = Image.fromarray(small).resize((shape[1], shape[0]), Image.BICUBIC)
+    return np.asarray(large, dtype=np.float64)
+
+
+def foreground(kind):
+    """Light that is no star. Amplitudes go by the frame's brightest star."""
+    def make(pixels):
+        random = np.random.default_rng(5)
+        height, width = pixels.shape
+        y, x = np.mgrid[0:height, 0:width].astype(np.float64)
+        top = float(np.percentile(pixels, 99.99)) - float(np.median(pixels))
+        if kind == "roof":
+            # Below a slanting edge, lit, with the texture of tiles.
+            below = y > 0.72 * height - 0.15 * (x - width / 2)
+            tiles = 1 + 0.15 * smooth_noise(pixels.shape, 6, random)
+            return with_light(np.where(below, np.uint16(np.median(pixels)), pixels), below * top * tiles, random)
+        if kind == "leaves":
+            # A third of the frame behind leaves that street light catches.
+            texture = smooth_noise(pixels.shape, 7, random)
+            inside = smooth_noise(pixels.shape, width / 4, random) > 0.45
+            light = inside * top * np.clip(0.6 + 0.7 * texture, 0, None)
+            return with_light(np.where(inside, np.uint16(np.median(pixels)), pixels), light, random)
+        if kind == "corona":
+            # An eclipsed Sun: dark disc, brightness falling with the fourth power of the distance.
+            r = np.hypot(x - 0.55 * width, y - 0.45 * height) / (0.03 * width)
+            light = np.where(r < 1, 0, 60 * top * np.maximum(r, 1) ** -4 + 6 * top * np.maximum(r, 1) ** -2)
+            return with_light(pixels, light, random)
+        if kind == "moon":
+            r = np.hypot(x - 0.3 * width, y - 0.35 * height) / (0.025 * width)
+            return with_light(pixels, np.where(r < 1, FULL_SCALE_DN, 20 * top * np.maximum(r, 1) ** -2.2), random)
+        if kind == "glow":
+            # Light pollution towards a corner, and a vignette over all.
+            light = 3 * top * np.exp(-(x / width + (height - y) / height) * 3)
+            vignette = 1 - 0.7 * (((x - width / 2) ** 2 + (y - height / 2) ** 2) / ((width / 2) ** 2 + (height / 2) ** 2))
+            return np.round(with_light(pixels, light, random) * vignette).astype(np.uint16)
+        if kind == "hot pixels":
+            # One of 500, as bright as stars.
+            hot = random.random(pixels.shape) < 1 / 500
+            return with_light(pixels, hot * top * random.random(pixels.shape) ** 2, random)
+        if kind == "heavy tails":
+            # Student's t with two degrees of freedom, half as wide as the frame's own noise (by neighbours' differences).
+            wide = 0.5 * float(np.median(np.abs(np.diff(pixels.astype(np.float64), axis=1)))) / 0.954
+            noise = wide * random.standard_t(2, pixels.shape)
+            return np.clip(np.round(pixels + noise), 0, FULL_SCALE_DN).astype(np.uint16)
+        if kind == "trails":
+            # Twelve satellites and aeroplanes.
+            light = np.zeros(pixels.shape)
+            for _ in range(12):
+                angle, off = random.random() * np.pi, (random.random() - 0.5) * height
+                across = np.cos(angle) * (x - width / 2) + np.sin(angle) * (y - height / 2) - off
+                light += top * random.random() * np.exp(-across ** 2 / 3)
+            return with_light(pixels, light, random)
+        raise ValueError(kind)
+    return lambda path, pixels: save_tiff(path, make(pixels))
+
+
+FOREGROUNDS = ["roof", "leaves", "corona", "moon", "glow", "hot pixels", "heavy tails", "trails"]
+
 # Title: (how it is written, its field by the unchanged one and its pixels).
 CASES = {
     "as it is, 16 bits": (save_tiff, lambda fov, _: fov),
@@ -98,6 +182,12 @@ CASES = {
     "its middle half": (
         lambda path, pixels: save_tiff(path, middle(pixels)), lambda fov, _: half_field_deg(fov)),
     "turned by 90 deg": (lambda path, pixels: save_tiff(path, np.rot90(pixels)), turned_field_deg),
+    "mirrored": (lambda path, pixels: save_tiff(path, pixels[:, ::-1]), lambda fov, _: fov),
+    "turned by 33 deg, black corners": (lambda path, pixels: save_tiff(path, rotated(pixels)), lambda fov, _: fov),
+    "interlaced, pixels 1.93 times as high as wide": (
+        lambda path, pixels: save_tiff(path, interlaced(pixels)), lambda fov, _: fov),
+    "inverted": (lambda path, pixels: save_tiff(path, (FULL_SCALE_DN - pixels).astype(np.uint16)), lambda fov, _: fov),
+    **{kind: (foreground(kind), lambda fov, _: fov) for kind in FOREGROUNDS},
 }
 
 

@@ -174,10 +174,43 @@ fn a_jpeg_in_colour_is_solved_by_its_own_focal_length() {
         notes.contains("field of view by its EXIF, if it was not cropped: 12.97 to 15.20 deg"),
         "{notes}"
     );
-    // Without EXIF the field is not known, and a field that is given counts alone.
-    let said = text(&retina(&["navigate", "stars", plain]).stderr);
+    // Without EXIF any field is searched, and what is found is written; a field that is given counts alone.
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let [csv, wcs, drawing] = ["stars.csv", "sky.fits", "named.png"].map(path);
+    let out =
+        retina(&["navigate", "stars", plain, "--json", "--csv", &csv, "--wcs", &wcs, "--annotate", &drawing]);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    let document: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let found = &document["images"][0];
+    assert!((found["ra_deg"].as_f64().unwrap() - 83.0).abs() < 0.01, "{found}");
+    assert!(found["mirrored"] == false && found["pixel_aspect"] == 1.0, "{found}");
+    let rows = std::fs::read_to_string(&csv).unwrap();
+    assert!(rows.starts_with("id,magnitude,ra_deg,dec_deg,camera_x_px,"), "{rows}");
+    assert_eq!(rows.lines().count() as u64, 1 + found["matches"].as_u64().unwrap());
+    let header = std::fs::read(&wcs).unwrap();
+    assert!(header.len() % 2880 == 0 && header.starts_with(b"SIMPLE  =                    T"));
+    assert!(text(&header).contains("CTYPE1  = 'RA---TAN-SIP'"));
+    assert_eq!(std::fs::read(&drawing).unwrap()[..4], *b"\x89PNG");
+    let said = text(&retina(&["navigate", "stars", plain, plain, "--csv", &csv]).stderr);
+    assert!(said.contains("--csv: is for one image") && said.contains("2 images"), "{said}");
+    let out = retina(&["navigate", "stars", plain, "--pixel-aspect", "0.1"]);
+    let said = text(&out.stderr);
     assert!(
-        said.contains("plain.jpg: the field of view is not known") && said.contains("--fov-deg"),
+        out.status.code() == Some(2) && said.contains("--pixel-aspect") && said.contains("0.2 to 5"),
+        "{said}"
+    );
+    // A mask of another size, and one that leaves nothing.
+    let mask = |name: &str, [width, height]: [u32; 2]| {
+        retina_image::CameraImage::new(width, height, 255.0).write_png(Path::new(&path(name))).unwrap();
+        let out = retina(&["navigate", "stars", plain, "--mask", &path(name)]);
+        (out.status.code(), text(&out.stdout) + &text(&out.stderr))
+    };
+    let (code, said) = mask("small.png", [10, 10]);
+    assert!(code == Some(2) && said.contains("does not have the size of the image"), "{said}");
+    let size = image::image_dimensions(plain).unwrap();
+    let (code, said) = mask("all.png", [size.0, size.1]);
+    assert!(
+        code == Some(0) && said.contains("only 0 separate points") && said.contains("Seen: 0 points"),
         "{said}"
     );
     let said = text(&retina(&["navigate", "stars", jpeg, "--fov-deg", "14"]).stdout);

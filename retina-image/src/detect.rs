@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use crate::candidates::{candidates, nine, without_spikes};
 use crate::centroid::{self, WEIGHT_RATIO, Window, Windowed};
 use crate::plateau::{Plateau, plateau_at};
+use crate::surroundings::surroundings;
 use crate::width::WidthMap;
 use crate::{Background, CameraImage, Centroid};
 
@@ -26,6 +27,9 @@ pub struct DetectOptions {
     pub centroid: Centroid,
     /// Side of the background's cells, px.
     pub mesh_px: usize,
+    /// Whether a single pixel can be a point of light: of stars that are sharper than the pixels, where defects of the
+    /// sensor then count, too.
+    pub single_pixels: bool,
 }
 
 impl Default for DetectOptions {
@@ -37,6 +41,7 @@ impl Default for DetectOptions {
             spot_sigma_px: None,
             centroid: Centroid::Windowed,
             mesh_px: 64,
+            single_pixels: false,
         }
     }
 }
@@ -63,6 +68,11 @@ pub struct LightPoint {
     pub saturation_reach_px: f64,
     /// Another point's light reaches into it.
     pub blended: bool,
+    /// Share of its surroundings that is nearly as bright as it is: 0 of a star in the dark, about a half on the edge
+    /// of something bright.
+    pub bright_surroundings: f64,
+    /// A line of light passes through it: a satellite's trail, a blooming column, an edge.
+    pub on_line: bool,
     /// Standard deviation of the spot (geometric mean of its axes), px; `None` where noise hides it.
     pub width_px: Option<f64>,
     /// 1 - minor axis / major axis.
@@ -114,28 +124,24 @@ pub fn detect_points(image: &CameraImage, options: &DetectOptions) -> Detection 
     let background = Background::estimate(image, options.mesh_px);
     let threshold_sigma = options.threshold_sigma * background.alike();
     let candidates = candidates(image, &background, threshold_sigma);
-    let found = without_spikes(image, &background, threshold_sigma, SPIKE_SHARE, &candidates);
+    let spike_share = spike_share(options.single_pixels);
+    let found = without_spikes(image, &background, threshold_sigma, spike_share, &candidates);
     measured(image, &background, found, options)
 }
 
-/// Where points are looked for.
-#[derive(Debug, Clone, Copy)]
-pub struct Area<'a> {
-    /// Of each pixel, row by row, whether it is inside.
-    pub mask: &'a [bool],
-    /// Whether a single pixel can be a point of light: in an image without hot pixels.
-    pub spikes: bool,
-}
-
-/// As [`detect_points`], inside an area: its pixels alone say what the background is.
-pub fn detect_points_in(image: &CameraImage, area: &Area<'_>, options: &DetectOptions) -> Detection {
-    let background = Background::estimate_in(image, area.mask, options.mesh_px);
+/// As [`detect_points`], in the pixels where `mask` (row by row) is true; they alone say what the background is.
+pub fn detect_points_in(image: &CameraImage, mask: &[bool], options: &DetectOptions) -> Detection {
+    let background = Background::estimate_in(image, mask, options.mesh_px);
     let mut candidates = candidates(image, &background, options.threshold_sigma);
-    candidates.retain(|&[x, y]| area.mask[y * image.width_px as usize + x]);
-    // Nothing is a spike whose neighbours are to have no share of its light.
-    let spike_share = if area.spikes { f64::NEG_INFINITY } else { SPIKE_SHARE };
+    candidates.retain(|&[x, y]| mask[y * image.width_px as usize + x]);
+    let spike_share = spike_share(options.single_pixels);
     let found = without_spikes(image, &background, options.threshold_sigma, spike_share, &candidates);
     measured(image, &background, found, options)
+}
+
+/// Nothing is a spike whose neighbours are to have no share of its light.
+fn spike_share(single_pixels: bool) -> f64 {
+    if single_pixels { f64::NEG_INFINITY } else { SPIKE_SHARE }
 }
 
 /// The points at these peaks and hot pixels.
@@ -260,6 +266,8 @@ fn measure(
     let [px, py] = peak.pixel;
     let centre = [window.x_px, window.y_px];
     let plateau = plateau_at(image, centre, spot_sigma_px, saturation_dn);
+    let reach_px = plateau.map_or(0.0, |plateau| plateau.reach_px);
+    let around = surroundings(image, background, centre, spot_sigma_px, reach_px);
     let shift_px = |p: Plateau| (p.centre_px[0] - centre[0]).hypot(p.centre_px[1] - centre[1]);
     let mut point = LightPoint {
         x_px: window.x_px,
@@ -269,8 +277,10 @@ fn measure(
         peak_dn: f64::from(image.at(px, py)) - background.level_dn(start[0], start[1]),
         saturated: plateau.is_some(),
         saturation_shift_px: plateau.map_or(0.0, shift_px),
-        saturation_reach_px: plateau.map_or(0.0, |plateau| plateau.reach_px),
+        saturation_reach_px: reach_px,
         blended: peak.blended || !window.converged,
+        bright_surroundings: around.bright_share,
+        on_line: around.line,
         width_px: shape(&window, weight).map(|s| s.0),
         ellipticity: shape(&window, weight).map(|s| s.1),
         snr: flux / flux_sigma,

@@ -90,7 +90,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Some(DVec3::Y * 3e4),
     )?;
     let solver = StarSolver::new(&camera, SolverOptions::default());
-    let context = ImageContext { observer: Some(observer.clone()), prior: None };
+    let context = ImageContext { observer: Some(observer.clone()), ..ImageContext::default() };
     let options = DetectOptions::default();
     let mut totals = Totals::default();
     for seed in 0..frames {

@@ -2,7 +2,8 @@
 //!
 //! - [`stars`]: attitude from the stars of one image, lost in space.
 //! - [`planets`]: planets among an image's points, and their lines of sight.
-//! - [`image`]: the two together, from pixels.
+//! - [`image`]: the two together, from pixels; [`seen`]: what there is to be seen in them.
+//! - [`products`]: a solved image as a table, a FITS header, a picture.
 //! - [`filter`]: position by triangulation, position and velocity by an extended Kalman filter.
 //! - [`limb`]: position of a resolved body from its limb.
 //! - [`flashes`]: flashes of impacts on a body's night side.
@@ -15,5 +16,7 @@ pub mod flashes;
 pub mod image;
 pub mod limb;
 pub mod planets;
+pub mod products;
+pub mod seen;
 pub mod stars;
 pub mod synthetic;

@@ -90,7 +90,7 @@ fn solver() -> StarSolver {
 }
 
 fn known() -> ImageContext {
-    ImageContext { observer: Some(observer()), prior: None }
+    ImageContext { observer: Some(observer()), ..ImageContext::default() }
 }
 
 fn cross_arcsec(result: &ImageResult, truth: DQuat) -> Option<f64> {
@@ -172,7 +172,7 @@ fn a_saturated_planet_does_not_disturb_and_is_identified() {
         image.values[y * 1024 + at.x as usize] += 6000.0;
     }
     let prior = PriorPosition { observer: observer(), sigma_m: 1e8 / 3.0 };
-    let context = ImageContext { observer: Some(observer()), prior: Some(prior) };
+    let context = ImageContext { observer: Some(observer()), prior: Some(prior), ..ImageContext::default() };
     let result = solve(image, &solver, &context);
     assert!(cross_arcsec(&result, truth).unwrap() < 3.0);
     let sight = result.planets.iter().find(|sight| sight.planet == Planet::Jupiter).unwrap();
@@ -190,7 +190,11 @@ fn a_planet_is_not_found_where_the_prior_position_says_it_is_not() {
         DVec3::Z,
     );
     let find = |prior: PriorPosition, random: &mut ChaCha8Rng| {
-        let context = ImageContext { observer: Some(prior.observer.clone()), prior: Some(prior) };
+        let context = ImageContext {
+            observer: Some(prior.observer.clone()),
+            prior: Some(prior),
+            ..ImageContext::default()
+        };
         solve(sky(truth, random, DVec2::ZERO), &solver, &context).planets
     };
     let right = find(PriorPosition { observer: observer(), sigma_m: 1e8 / 3.0 }, &mut random);

@@ -198,6 +198,11 @@ impl Panel {
         self.items.push(Item::Heat(map, ColourMap::Sequential));
     }
 
+    /// A heat map in colours of one's choice, as rectangles: one for each run of cells of a row that have one shade.
+    pub fn cells(&mut self, map: HeatMap, colours: ColourMap) {
+        self.items.push(Item::Heat(map, colours));
+    }
+
     /// A heat map of values that have a sign: zero is neutral, and as much below it as above it is as strong a colour.
     pub fn signed(&mut self, map: HeatMap) {
         let most = map.range[0].abs().max(map.range[1].abs());

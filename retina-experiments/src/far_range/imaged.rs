@@ -273,6 +273,7 @@ fn look(
     let context = ImageContext {
         observer: Some(assumed.clone()),
         prior: Some(PriorPosition { observer: assumed, sigma_m }),
+        ..ImageContext::default()
     };
     let camera = photographer.camera();
     let result = solve_points(points, camera, solver, &context).map_err(|error| sky(&error))?;

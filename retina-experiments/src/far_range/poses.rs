@@ -153,6 +153,7 @@ fn run_pose(
     let context = ImageContext {
         observer: Some(assumed.clone()),
         prior: Some(PriorPosition { observer: assumed, sigma_m }),
+        ..ImageContext::default()
     };
     let result = solve_points(points, camera, solver, &context).map_err(|error| sky(&error))?;
     let mut out = PoseResult {

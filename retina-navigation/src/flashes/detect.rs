@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::DVec2;
 use retina_files::InputError;
-use retina_image::{Area, CameraImage, Centroid, DetectOptions, detect_points_in};
+use retina_image::{CameraImage, Centroid, DetectOptions, detect_points_in};
 use serde::{Deserialize, Serialize};
 
 use super::night::{BodyPose, Margins, night_mask};
@@ -215,10 +215,11 @@ pub fn detect_flashes(
         spot_sigma_px: Some(spot_sigma_px),
         centroid: if screen { Centroid::Moments } else { Centroid::Windowed },
         mesh_px: options.mesh_px,
+        single_pixels: screen,
         ..DetectOptions::default()
     };
     let size_px = DVec2::new(f64::from(image.width_px), f64::from(image.height_px));
-    let found = detect_points_in(image, &Area { mask: &night.mask, spikes: screen }, &detect);
+    let found = detect_points_in(image, &night.mask, &detect);
     [night.background_dn, night.noise_dn] = [found.background_dn, found.noise_dn];
     night.candidates = found
         .points

@@ -29,6 +29,15 @@ pub struct StarPoint {
     pub flux: f64,
     /// Its brightest pixel is saturated: `flux` is a lower bound.
     pub saturated: bool,
+    /// It stands on the edge of something bright, in its texture, or on a line of light.
+    pub on_edge: bool,
+}
+
+impl StarPoint {
+    /// As a mirror shows it: x runs the other way.
+    pub fn flipped(&self) -> Self {
+        Self { line_of_sight: DVec2::new(-self.line_of_sight.x, self.line_of_sight.y), ..*self }
+    }
 }
 
 impl StarCamera {
@@ -51,6 +60,17 @@ impl StarCamera {
         Self { pinhole, calibration: None, mirrored: false }
     }
 
+    /// With pixels so many times as high as wide; the horizontal focal length stays.
+    pub fn with_pixel_aspect(mut self, aspect: f64) -> Self {
+        self.pinhole.fy_px = self.pinhole.fx_px / aspect;
+        self
+    }
+
+    /// The larger of a pixel's two angles, rad.
+    pub(crate) fn pixel_rad(&self) -> f64 {
+        1.0 / self.pinhole.fx_px.min(self.pinhole.fy_px)
+    }
+
     /// D^-1(C^-1 u): the line of sight of a pixel position; `None` where D cannot be inverted. A calibrated D^-1 is
     /// taken at its reference irradiance: what a point's light is in W m^-2 is not known before it is identified.
     pub fn line_of_sight(&self, pixel: DVec2) -> Option<DVec2> {
@@ -66,6 +86,22 @@ impl StarCamera {
             line_of_sight.x = -line_of_sight.x;
         }
         Some(line_of_sight)
+    }
+
+    /// The pixel position of a line of sight; `None` where there is none.
+    pub fn pixel(&self, line_of_sight: DVec2) -> Option<DVec2> {
+        let sign = if self.mirrored { -1.0 } else { 1.0 };
+        let focal = DVec2::new(sign * self.pinhole.fx_px, self.pinhole.fy_px);
+        let mut pixel = self.pinhole.pixel(DVec2::new(sign * line_of_sight.x, line_of_sight.y));
+        // Distortion is a few hundredths: each pass gains more than a digit.
+        for _ in 0..20 {
+            let off = (line_of_sight - self.line_of_sight(pixel)?) * focal;
+            pixel += off;
+            if off.length_squared() < 1e-16 {
+                return Some(pixel);
+            }
+        }
+        None
     }
 
     /// The points of a detection, brightest first; those without a line of sight are left out, and saturated ones that
@@ -87,6 +123,7 @@ impl StarCamera {
                     sigma_rad: point.sigma_px.hypot(cut_px) / self.pinhole.fx_px,
                     flux: point.flux_dn,
                     saturated: point.saturated,
+                    on_edge: point.on_line || point.bright_surroundings >= EDGE_SURROUNDINGS,
                 })
             })
             .collect()
@@ -112,6 +149,10 @@ fn saturation_sigma_px(point: &LightPoint) -> f64 {
     uneven_px.hypot(0.05)
 }
 
+/// Share of a point's surroundings that is bright from which it stands on an edge: a straight one has a half, a
+/// neighbouring star an eighth.
+const EDGE_SURROUNDINGS: f64 = 0.25;
+
 /// Taken where a spot has no shape: as large as spots at the field's edge have it.
 const LARGE_ELLIPTICITY: f64 = 0.5;
 
@@ -136,6 +177,8 @@ mod tests {
             saturation_shift_px: 0.1,
             saturation_reach_px: 4.0,
             blended: false,
+            bright_surroundings: 0.0,
+            on_line: false,
             width_px: None,
             ellipticity: Some(0.2),
             snr: 100.0,

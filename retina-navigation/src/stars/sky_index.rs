@@ -15,6 +15,8 @@ pub struct SkyIndex {
     cells: Vec<u32>,
     /// Indices of directions, cell by cell, rising in each.
     entries: Vec<u32>,
+    /// The directions in the order of `entries`: those of a cell stand together.
+    sorted: Vec<DVec3>,
 }
 
 impl SkyIndex {
@@ -29,8 +31,14 @@ impl SkyIndex {
             let widest = if low < PI / 2.0 && high > PI / 2.0 { 1.0 } else { low.sin().max(high.sin()) };
             bands.push(bands[row] + ((TAU * widest / band_rad).ceil() as usize).max(1));
         }
-        let mut index =
-            Self { directions: Vec::new(), band_rad, bands, cells: Vec::new(), entries: Vec::new() };
+        let mut index = Self {
+            directions: Vec::new(),
+            band_rad,
+            bands,
+            cells: Vec::new(),
+            entries: Vec::new(),
+            sorted: Vec::new(),
+        };
         let of: Vec<usize> = directions.iter().map(|v| index.cell(*v)).collect();
         let count = index.bands[rows];
         let mut cells = vec![0u32; count + 1];
@@ -46,6 +54,7 @@ impl SkyIndex {
             entries[next[cell] as usize] = at as u32;
             next[cell] += 1;
         }
+        index.sorted = entries.iter().map(|&at| directions[at as usize]).collect();
         (index.cells, index.entries, index.directions) = (cells, entries, directions);
         index
     }
@@ -88,8 +97,9 @@ impl SkyIndex {
             let cells = (to - from + 1).min(count as i64);
             for step in 0..cells {
                 let cell = self.bands[row] + (from + step).rem_euclid(count as i64) as usize;
-                for &entry in &self.entries[self.cells[cell] as usize..self.cells[cell + 1] as usize] {
-                    if self.directions[entry as usize].distance_squared(axis) <= chord2 {
+                let places = self.cells[cell] as usize..self.cells[cell + 1] as usize;
+                for (direction, &entry) in self.sorted[places.clone()].iter().zip(&self.entries[places]) {
+                    if direction.distance_squared(axis) <= chord2 {
                         found(entry as usize);
                     }
                 }

@@ -15,6 +15,8 @@ pub struct StarMatch {
     pub star: &'static Star,
     /// V, of all that are seen as one.
     pub magnitude: f64,
+    /// Its apparent direction: unit vector along inertial axes.
+    pub direction: DVec3,
     /// Measured less expected line of sight, rad, along the image's x and y; its length is the great-circle angle.
     pub residual_rad: DVec2,
 }
@@ -31,6 +33,10 @@ pub struct StarSolution {
     pub focal_ratio_sigma: f64,
     /// Standard deviation of k1; `None` where it was not fitted, being within its noise.
     pub k1_sigma: Option<f64>,
+    /// Standard deviations of k2, k3, p1 and p2; `None` where k1 or nothing was enough.
+    pub higher_sigma: Option<[f64; 4]>,
+    /// Standard deviation of the pixels' aspect; `None` where it was given.
+    pub aspect_sigma: Option<f64>,
     /// The stars.
     pub matches: Vec<StarMatch>,
     /// Root mean square of the residuals' lengths, rad.
@@ -41,8 +47,12 @@ pub struct StarSolution {
     pub log10_false_probability: f64,
     /// Magnitude of a point of flux 1; `None` where all stars are saturated.
     pub zero_point_magnitude: Option<f64>,
-    /// Triangles of stars that were looked at.
+    /// Patterns of stars that were looked at.
     pub hypotheses: usize,
+    /// The image is a mirror image: all of this is of its points flipped left to right ([`StarPoint::flipped`]).
+    ///
+    /// [`StarPoint::flipped`]: super::StarPoint::flipped
+    pub mirrored: bool,
 }
 
 impl StarSolution {
@@ -94,7 +104,7 @@ pub enum Refusal {
         if *.stopped { "; the search stopped at that number, which is its limit" } else { "" }
     )]
     NoMatch {
-        /// Triangles of stars that were looked at.
+        /// Patterns of stars that were looked at.
         hypotheses: usize,
         /// log10 of the best hypothesis' chance, over all of them.
         log10_best: f64,

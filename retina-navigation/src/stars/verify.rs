@@ -5,22 +5,24 @@ use std::f64::consts::PI;
 use glam::{DVec2, DVec3};
 
 use super::camera::StarPoint;
-use super::catalogue::SolverCatalogue;
 use super::chance::log10_binomial_tail;
-use super::fit::{Free, Sighting, SkyFit};
+use super::fit::{Distortion, Free, Sighting, SkyFit};
+use super::sky::Sky;
 
 /// The image as hypotheses are verified against it.
 #[derive(Debug)]
 pub(crate) struct Image<'a> {
-    pub(crate) catalogue: &'a SolverCatalogue,
-    /// The brightest points, none beside another.
+    pub(crate) sky: &'a Sky,
+    /// Points, none beside another.
     pub(crate) points: &'a [StarPoint],
     /// Half the width and height on the tangent plane.
     pub(crate) half: DVec2,
-    /// Matching radii, rad: for a triangle's own attitude, after a first fit, after a second.
+    /// Matching radii, rad: for a pattern's own attitude, after a first fit, after a second.
     pub(crate) radii_rad: [f64; 3],
     /// Standard deviation per axis that all points are given here, rad.
     pub(crate) sigma_rad: f64,
+    /// The shape of the pixels is fitted, too.
+    pub(crate) aspect: bool,
 }
 
 /// A hypothesis that was fitted to all it matches.
@@ -33,9 +35,9 @@ pub(crate) struct Verified {
     pub(crate) log10_chance: f64,
 }
 
-/// Stars that make the hypothesis and the parameters fitted to it (attitude, focal length, k1: 5 of the 6 numbers that
-/// three stars give): their matches are no evidence.
-const MATCHES_SPENT: usize = 3;
+/// Stars that make the hypothesis, and the parameters fitted to it (attitude, focal length, k1, the pixels' shape: 6 of
+/// the 8 numbers that four stars give): their matches are no evidence, since a hypothesis is looked at only where they match.
+const MATCHES_SPENT: usize = 4;
 /// Fewest matches after which radial distortion is fitted.
 pub(crate) const FEWEST_FOR_RADIAL: usize = 12;
 /// A hypothesis is dropped where a wrong one would do as well this often.
@@ -54,11 +56,11 @@ impl Image<'_> {
         let axis = fit.camera_from_inertial.inverse() * DVec3::Z;
         let reach = 1.1 * (self.half.length() / fit.focal_ratio).atan();
         let mut inside = Vec::with_capacity(2 * depth);
-        self.catalogue.all().for_each_within(axis, reach, |at| inside.push(at));
+        self.sky.brightest(reach, 3 * depth).for_each_within(axis, reach, |at| inside.push(at));
         inside.sort_unstable();
         let mut out = Vec::with_capacity(depth);
         for entry in inside {
-            if let Some(at) = fit.project(self.catalogue.all().directions()[entry])
+            if let Some(at) = fit.project(self.sky.all().directions()[entry])
                 && at.x.abs() <= self.half.x
                 && at.y.abs() <= self.half.y
             {
@@ -97,11 +99,13 @@ impl Image<'_> {
             .iter()
             .map(|&(point, entry)| Sighting {
                 measured: self.points[point].line_of_sight,
-                direction: self.catalogue.all().directions()[entry],
+                direction: self.sky.all().directions()[entry],
                 sigma_rad: self.sigma_rad,
             })
             .collect();
-        let free = if matches.len() >= FEWEST_FOR_RADIAL { Free::Radial } else { Free::Focal };
+        let radial = matches.len() >= FEWEST_FOR_RADIAL;
+        let distortion = if radial { Distortion::Radial } else { Distortion::None };
+        let free = Free { distortion, aspect: self.aspect };
         Some(fit.refined(&sightings, free, 2)?.0)
     }
 

@@ -105,6 +105,7 @@ pub fn measured(
                 sigma_rad: sigma_px / camera.fx_px,
                 flux,
                 saturated,
+                on_edge: false,
             },
             source,
         ));

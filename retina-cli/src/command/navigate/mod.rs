@@ -4,6 +4,8 @@ mod far_range;
 mod flashes;
 mod frames_folder;
 mod full_disk;
+mod star_cameras;
+mod star_text;
 mod stars;
 mod steps;
 

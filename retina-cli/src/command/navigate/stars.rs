@@ -4,18 +4,21 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use retina_files::InputError;
+use retina_files::{InputError, write_atomic};
 use retina_formats::Calibration;
-use retina_geometry::Setup;
-use retina_image::{Coding, DetectOptions, Photograph, PhotographOptions};
-use retina_navigation::image::{ImageContext, ImageResult, solve_image};
+use retina_image::{CameraImage, Coding, Photograph, PhotographOptions, read_mask};
+use retina_navigation::image::{ImageContext, ImageResult};
 use retina_navigation::planets::{PAPER_POSITION_SIGMA_M, PriorPosition};
-use retina_navigation::stars::{SolverOptions, StarCamera, StarSolver};
+use retina_navigation::products::{annotated, matches_csv, wcs_header};
+use retina_navigation::stars::SolverOptions;
+use retina_plot::png;
 use retina_sky::ephemeris::{Ephemeris, State};
 use retina_sky::observer::Observer;
 use retina_sky::time::parse_epoch;
 use serde_json::{Value, json};
 
+use super::star_cameras::{ANY_FIELD_RAD, Known, Optics, Solvers, exif_field_rad};
+use super::star_text::text;
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
 use crate::progress::counter;
@@ -28,18 +31,21 @@ pub(crate) struct Arguments {
     images: Vec<PathBuf>,
     /// Setup with the camera, schema retina.setup/1.
     ///
-    /// Without it and `--fov-deg`, the field of view is that of a JPEG's or TIFF's EXIF data.
+    /// Without it and `--fov-deg`, the field of view is that of a JPEG's or TIFF's EXIF data; if the
+    /// stars do not agree with it, or there is none, fields of 2 to 70 deg are searched.
     #[arg(long, value_name = "FILE")]
     setup: Option<PathBuf>,
     /// Calibration of the facility, for images that contain its distortion.
     #[arg(long, value_name = "FILE", requires = "setup", conflicts_with = "fov_deg")]
     calibration: Option<PathBuf>,
     /// Horizontal field of view, degrees, instead of a setup: 11.4, or a range such as 10..13.
+    ///
+    /// A range costs hardly more time than a value.
     #[arg(long, value_name = "DEG|DEG..DEG", conflicts_with = "setup")]
     fov_deg: Option<String>,
     /// Uncertainty of the focal length, per cent.
     #[arg(long, default_value_t = 3.0, value_name = "PERCENT")]
-    focal_percent: f64,
+    pub(super) focal_percent: f64,
     /// Epoch of the images, ISO 8601 [default: star positions of J2020.0].
     #[arg(long, value_name = "EPOCH")]
     time: Option<String>,
@@ -64,16 +70,16 @@ pub(crate) struct Arguments {
     position_3_sigma_km: f64,
     /// Highest accepted probability of a false answer, as log10.
     #[arg(long, default_value_t = -7.0, allow_negative_numbers = true)]
-    log10_bound: f64,
-    /// Number of star triangles (hypotheses) after which the search on an image stops.
+    pub(super) log10_bound: f64,
+    /// Number of star patterns (hypotheses) after which the search on an image stops.
     ///
-    /// The default takes some seconds, whatever the field of view.
+    /// No ordinary image comes near the default.
     #[arg(long, default_value_t = SolverOptions::default().most_hypotheses, value_name = "N")]
-    most_hypotheses: usize,
+    pub(super) most_hypotheses: usize,
     /// Detection threshold of a point's brightest 3 x 3 pixels over the background, standard
     /// deviations.
     #[arg(long, default_value_t = 5.0)]
-    threshold_sigma: f64,
+    pub(super) threshold_sigma: f64,
     /// Bits of the camera's digital numbers, where they are linear [default: the setup's, or those of
     /// the file].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16))]
@@ -85,8 +91,35 @@ pub(crate) struct Arguments {
     #[arg(long = "colour", hide = true)]
     _colour: bool,
     /// Treat the images as mirror images.
+    ///
+    /// Images are also solved if they turn out to be mirrored; the answer says so.
     #[arg(long)]
-    mirrored: bool,
+    pub(super) mirrored: bool,
+    /// How many times as high as wide a pixel is, such as 1.93 for a field of interlaced video.
+    ///
+    /// Without it and `--setup`, pixels that are not square are tried before an image is refused.
+    #[arg(long, value_name = "RATIO", conflicts_with = "setup")]
+    pub(super) pixel_aspect: Option<f64>,
+    /// Dark frame of the same exposure, subtracted from each image.
+    #[arg(long, value_name = "FILE")]
+    dark: Option<PathBuf>,
+    /// Flat field by which each image is divided, of any brightness.
+    #[arg(long, value_name = "FILE")]
+    flat: Option<PathBuf>,
+    /// Picture of the image's size: pixels that are 0 are ignored.
+    #[arg(long, value_name = "FILE")]
+    mask: Option<PathBuf>,
+    /// Draw the image with stars, planets, names and coordinates.
+    ///
+    /// For one image only, as are `--wcs` and `--csv`.
+    #[arg(long, value_name = "FILE.png")]
+    annotate: Option<PathBuf>,
+    /// Write the world coordinates as a FITS header (TAN-SIP).
+    #[arg(long, value_name = "FILE.fits")]
+    wcs: Option<PathBuf>,
+    /// Write the matched stars as a table.
+    #[arg(long, value_name = "FILE.csv")]
+    csv: Option<PathBuf>,
     /// List the matched stars in the JSON document.
     #[arg(long, requires = "json")]
     stars: bool,
@@ -109,43 +142,21 @@ enum SampleCoding {
     Srgb,
 }
 
-/// What is known of the camera.
-enum Optics {
-    Setup(Box<Setup>, Option<Box<Calibration>>),
-    /// Least and greatest horizontal field, rad.
-    Field([f64; 2]),
-    /// Nothing but what each image's EXIF says.
-    Exif,
-}
-
-/// What is known of one image's camera.
-#[derive(Clone, Copy)]
-enum Known<'a> {
-    Camera(&'a Setup, Option<&'a Calibration>),
-    /// Least and greatest horizontal field, rad.
-    Field([f64; 2]),
-}
-
-/// A 35-mm equivalent is rounded to 1 mm, and the focal length that it comes from to a few per cent.
-const EXIF_FOCAL_SLACK: f64 = 0.08;
-
-/// Size of an image, and the bits of its field of view where no setup says it.
-type CameraKey = ([u32; 2], Option<[u64; 2]>);
-
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let optics = arguments.optics()?;
+    arguments.check_products()?;
     let ephemeris = Ephemeris::read(&arguments.ephemeris)?;
     let (tdb_s, context) = arguments.context(&ephemeris)?;
-    let mut prepared: BTreeMap<CameraKey, (StarCamera, StarSolver)> = BTreeMap::new();
+    let mut solvers = Solvers { arguments, tdb_s, prepared: BTreeMap::new() };
     let (mut documents, mut refused, mut worst_arcsec) = (Vec::new(), 0, 0.0f64);
     let mut unreadable: Vec<Failure> = Vec::new();
     let bar = counter(arguments.images.len() as u64, "images");
     for path in bar.wrap_iter(arguments.images.iter()) {
-        let (photograph, known) = match arguments.read(path, &optics) {
+        let file = path.display().to_string();
+        let (photograph, known, context) = match arguments.read(path, &optics, &context) {
             Ok(read) => read,
             // What other images say is not lost for it.
             Err(error) => {
-                let file = path.display().to_string();
                 documents.push(json!({
                     "file": file, "solved": false, "reason": "unreadable", "message": error.to_string(),
                     "ra_deg": null, "dec_deg": null, "roll_deg": null, "matches": 0, "rms_arcsec": null, "planets": [],
@@ -154,35 +165,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
                 continue;
             }
         };
-        let image = &photograph.image;
-        let size = [image.width_px, image.height_px];
-        let field = match known {
-            Known::Camera(..) => None,
-            Known::Field(field_rad) => Some(field_rad.map(f64::to_bits)),
-        };
-        let (camera, solver) =
-            prepared.entry((size, field)).or_insert_with(|| arguments.prepare(known, size, tdb_s));
-        let detect = DetectOptions { threshold_sigma: arguments.threshold_sigma, ..DetectOptions::default() };
-        let result = solve_image(image, camera, solver, &detect, &context)
-            .map_err(|error| Failure::new(error.to_string()))?;
+        let mut notes = photograph.notes();
+        let result = solvers.solve(&photograph, &known, &context, &mut notes)?;
         match &result.solution {
             Err(_) => refused += 1,
             Ok(solution) => worst_arcsec = worst_arcsec.max(solution.rms_rad.to_degrees() * 3600.0),
         }
-        let mut notes = photograph.notes();
-        if let (Optics::Exif, Known::Field(field_rad)) = (&optics, known) {
-            let [least, greatest] = field_rad.map(f64::to_degrees);
-            notes.push(format!(
-                "horizontal field of view by its EXIF, if it was not cropped: {least:.2} to {greatest:.2} deg"
-            ));
-        }
-        let file = path.display().to_string();
+        arguments.write_products(&file, &photograph.image, &result)?;
         if arguments.json {
-            let mut document = result.json(&file, camera, arguments.stars);
+            let mut document = result.json(&file, arguments.stars);
             document["notes"] = json!(notes);
             documents.push(document);
         } else {
-            let mut lines = text(&file, &result, camera);
+            let mut lines = text(&file, &result);
             lines.extend(notes.iter().map(|note| format!("  note: {note}")));
             bar.suspend(|| print_lines(&lines))?;
         }
@@ -230,8 +225,13 @@ impl Arguments {
         Ok(Optics::Setup(Box::new(setup), calibration.map(Box::new)))
     }
 
-    /// A picture, and what is known of its camera.
-    fn read<'a>(&self, path: &Path, optics: &'a Optics) -> Result<(Photograph, Known<'a>), Failure> {
+    /// A picture, and what is known of its camera and of its pixels.
+    fn read<'a>(
+        &self,
+        path: &Path,
+        optics: &'a Optics,
+        context: &ImageContext,
+    ) -> Result<(Photograph, Known<'a>, ImageContext), Failure> {
         let setup_bits = match optics {
             Optics::Setup(setup, _) => Some(setup.camera.bits),
             Optics::Field(_) | Optics::Exif => None,
@@ -246,7 +246,21 @@ impl Arguments {
             // A setup counts pixels as the sensor does, however a viewer turns them.
             upright: !matches!(optics, Optics::Setup(..)),
         };
-        let photograph = Photograph::read(path, options)?;
+        let mut photograph = Photograph::read(path, options)?;
+        let size = [photograph.image.width_px, photograph.image.height_px];
+        let frame = |path: &Option<PathBuf>| {
+            let read =
+                |path: &PathBuf| Ok::<_, InputError>((path.clone(), Photograph::read(path, options)?.image));
+            path.as_ref().map(read).transpose()
+        };
+        let (dark, flat) = (frame(&self.dark)?, frame(&self.flat)?);
+        photograph.image = photograph.image.reduced(
+            dark.as_ref().map(|(path, image)| (path.as_path(), image)),
+            flat.as_ref().map(|(path, image)| (path.as_path(), image)),
+        )?;
+        let mask = self.mask.as_ref().map(|path| read_mask(path, size)).transpose()?;
+        let square = self.pixel_aspect.is_some() || matches!(optics, Optics::Setup(..));
+        let context = ImageContext { mask, find_pixel_aspect: !square, ..context.clone() };
         let image = &photograph.image;
         if let Optics::Setup(setup, _) = optics {
             let (found, expected) =
@@ -262,38 +276,50 @@ impl Arguments {
         let known = match optics {
             Optics::Setup(setup, calibration) => Known::Camera(setup, calibration.as_deref()),
             Optics::Field(field_rad) => Known::Field(*field_rad),
-            Optics::Exif => Known::Field(exif_field_rad(path, &photograph)?),
+            Optics::Exif => exif_field_rad(&photograph).map_or(Known::Field(ANY_FIELD_RAD), Known::Exif),
         };
-        Ok((photograph, known))
+        Ok((photograph, known, context))
     }
 
-    fn prepare(&self, known: Known<'_>, size: [u32; 2], tdb_s: Option<f64>) -> (StarCamera, StarSolver) {
-        let slack = self.focal_percent / 100.0;
-        let mut options = SolverOptions {
-            focal_ratio: [1.0 - slack, 1.0 + slack],
-            log10_bound: self.log10_bound,
-            most_hypotheses: self.most_hypotheses,
-            ..SolverOptions::default()
-        };
-        options.tdb_s = tdb_s.unwrap_or(options.tdb_s);
-        let mut camera = match known {
-            Known::Camera(setup, calibration) => StarCamera::from_setup(setup, calibration.cloned()),
-            Known::Field([least, greatest]) => {
-                let [short, long] = [greatest, least].map(|field| 1.0 / (0.5 * field).tan());
-                let middle = (short * long).sqrt();
-                options.focal_ratio[0] *= short / middle;
-                options.focal_ratio[1] *= long / middle;
-                StarCamera::from_field(2.0 * (1.0 / middle).atan(), size)
+    /// Refuses files of one image for several.
+    fn check_products(&self) -> Result<(), Failure> {
+        let products = [("--annotate", &self.annotate), ("--wcs", &self.wcs), ("--csv", &self.csv)];
+        for (flag, path) in products {
+            if path.is_some() && self.images.len() > 1 {
+                return Err(InputError::new(Path::new(flag), "is for one image")
+                    .found(format!("{} images", self.images.len()))
+                    .expected("one")
+                    .help("run the command for each image, with a file of its own")
+                    .into());
             }
+        }
+        Ok(())
+    }
+
+    /// Writes what was asked for of an image. Of one that is not solved there is a picture of what was found, and no
+    /// coordinates.
+    fn write_products(&self, file: &str, image: &CameraImage, result: &ImageResult) -> Result<(), Failure> {
+        let store = |path: &Path, bytes: &[u8]| {
+            write_atomic(path, bytes)
+                .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
         };
-        camera.mirrored = self.mirrored;
-        let solver = StarSolver::new(&camera, options);
-        (camera, solver)
+        if let Some(path) = &self.annotate {
+            let svg = annotated(result, image, file).to_svg();
+            let bytes = png(&svg, 1.0).map_err(|error| Failure::new(error.to_string()))?;
+            store(path, &bytes)?;
+        }
+        if let Some(path) = &self.csv {
+            store(path, matches_csv(result).as_bytes())?;
+        }
+        if let (Some(path), Some(bytes)) = (&self.wcs, wcs_header(result)) {
+            store(path, &bytes)?;
+        }
+        Ok(())
     }
 
     /// The epoch, and what goes with a position.
     fn context(&self, ephemeris: &Ephemeris) -> Result<(Option<f64>, ImageContext), Failure> {
-        let rms_arcsec = self.rms_arcsec.unwrap_or(1.0);
+        let (rms_arcsec, aspect) = (self.rms_arcsec.unwrap_or(1.0), self.pixel_aspect.unwrap_or(1.0));
         for (flag, value, fits, expected) in [
             ("--focal-percent", self.focal_percent, (0.0..=20.0).contains(&self.focal_percent), "0 to 20"),
             ("--position-3-sigma-km", self.position_3_sigma_km, self.position_3_sigma_km > 0.0, "above 0"),
@@ -301,6 +327,7 @@ impl Arguments {
             ("--log10-bound", self.log10_bound, self.log10_bound <= 0.0, "0 or less"),
             ("--most-hypotheses", self.most_hypotheses as f64, self.most_hypotheses > 0, "1 or more"),
             ("--rms-arcsec", rms_arcsec, rms_arcsec > 0.0, "above 0"),
+            ("--pixel-aspect", aspect, (0.2..=5.0).contains(&aspect), "0.2 to 5"),
         ] {
             if !(fits && value.is_finite()) {
                 return Err(InputError::new(Path::new(flag), "the value is out of range")
@@ -328,7 +355,9 @@ impl Arguments {
             .map_err(|error| Failure::new(error.to_string()))?;
         let prior =
             PriorPosition { observer: observer.clone(), sigma_m: 1e3 * self.position_3_sigma_km / 3.0 };
-        Ok((Some(tdb_s), ImageContext { observer: Some(observer), prior: Some(prior) }))
+        let context =
+            ImageContext { observer: Some(observer), prior: Some(prior), ..ImageContext::default() };
+        Ok((Some(tdb_s), context))
     }
 
     fn velocity(&self, ephemeris: &Ephemeris) -> Result<Option<DVec3>, Failure> {
@@ -341,30 +370,6 @@ impl Arguments {
             _ => Ok(None),
         }
     }
-}
-
-/// Least and greatest horizontal field by the 35-mm equivalent, rad.
-fn exif_field_rad(path: &Path, photograph: &Photograph) -> Result<[f64; 2], InputError> {
-    let size = [photograph.image.width_px, photograph.image.height_px];
-    let unknown = |found: String| {
-        InputError::new(path, "the field of view is not known")
-            .found(found)
-            .expected("a 35-mm equivalent in the EXIF data, of a field below 90 deg")
-            .help("give --fov-deg or --setup")
-    };
-    let focal_px = photograph.exif.focal_px(size).ok_or_else(|| {
-        unknown(match photograph.exif.focal_mm {
-            Some(mm) => format!("a focal length of {mm} mm without its 35-mm equivalent"),
-            None => "no EXIF data that tell it".to_owned(),
-        })
-    })?;
-    let field_rad = |share: f64| 2.0 * (0.5 * f64::from(size[0]) / (share * focal_px)).atan();
-    let fields_rad = [field_rad(1.0 + EXIF_FOCAL_SLACK), field_rad(1.0 - EXIF_FOCAL_SLACK)];
-    let [least, greatest] = fields_rad.map(f64::to_degrees);
-    if least < 0.1 || greatest >= 90.0 {
-        return Err(unknown(format!("{least:.2} to {greatest:.2} deg")));
-    }
-    Ok(fields_rad)
 }
 
 fn earth(ephemeris: &Ephemeris, tdb_s: f64) -> Result<State, Failure> {
@@ -394,30 +399,4 @@ fn vector(flag: &str, text: &str) -> Result<DVec3, Failure> {
             .expected("three numbers, X,Y,Z")
             .into()),
     }
-}
-
-fn text(file: &str, result: &ImageResult, camera: &StarCamera) -> Vec<String> {
-    let solution = match &result.solution {
-        Err(refusal) => return vec![format!("{file}: refused: {refusal}")],
-        Ok(solution) => solution,
-    };
-    let [ra, dec, roll] = solution.ra_dec_roll_rad().map(f64::to_degrees);
-    let mut lines = vec![format!(
-        "{file}: right ascension {ra:.4} deg, declination {dec:.4} deg, roll {roll:.4} deg; {} stars, {:.2} arcsec rms, \
-         focal length {:.1} px{}, false with probability 10^{:.0}; {:.2} ms after {:.2} ms for {} points",
-        solution.matches.len(),
-        solution.rms_rad.to_degrees() * 3600.0,
-        camera.pinhole.fx_px * solution.fit.focal_ratio,
-        solution.k1_sigma.map_or(String::new(), |_| format!(", k1 {:.4}", solution.fit.k1)),
-        solution.log10_false_probability,
-        result.solve_ms,
-        result.detect_ms,
-        result.points.len()
-    )];
-    lines.extend(result.warning(camera).map(|warning| format!("  warning: {warning}")));
-    for planet in &result.planets {
-        let at = result.points[planet.point].pixel;
-        lines.push(format!("  {} at ({:.2}, {:.2}) px", planet.planet.name(), at.x, at.y));
-    }
-    lines
 }

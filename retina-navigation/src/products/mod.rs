@@ -1,0 +1,9 @@
+//! What a solved image is handed on as: a table of its stars, a FITS header, a picture with names.
+
+mod picture;
+mod table;
+mod wcs;
+
+pub use picture::annotated;
+pub use table::matches_csv;
+pub use wcs::wcs_header;
