@@ -304,7 +304,9 @@ impl Arguments {
                 .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
         };
         if let Some(path) = &self.annotate {
-            let svg = annotated(result, image, file).to_svg();
+            let title =
+                Path::new(file).file_name().map_or_else(|| file.into(), |name| name.to_string_lossy());
+            let svg = annotated(result, image, &title).to_svg();
             let bytes = png(&svg, 1.0).map_err(|error| Failure::new(error.to_string()))?;
             store(path, &bytes)?;
         }
