@@ -193,6 +193,12 @@ fn a_jpeg_in_colour_is_solved_by_its_own_focal_length() {
     assert_eq!(std::fs::read(&drawing).unwrap()[..4], *b"\x89PNG");
     let said = text(&retina(&["navigate", "stars", plain, plain, "--csv", &csv]).stderr);
     assert!(said.contains("--csv: is for one image") && said.contains("2 images"), "{said}");
+    // An input is never written over, and no two outputs are one.
+    let before = std::fs::read(&drawing).unwrap();
+    let out = retina(&["navigate", "stars", plain, "--dark", &drawing, "--annotate", &drawing]);
+    let said = text(&out.stderr);
+    assert!(out.status.code() == Some(2) && said.contains("would be overwritten"), "{said}");
+    assert!(std::fs::read(&drawing).unwrap() == before);
     let out = retina(&["navigate", "stars", plain, "--pixel-aspect", "0.1"]);
     let said = text(&out.stderr);
     assert!(

@@ -283,8 +283,13 @@ impl Arguments {
 
     /// Refuses files of one image for several.
     fn check_products(&self) -> Result<(), Failure> {
-        let products = [("--annotate", &self.annotate), ("--wcs", &self.wcs), ("--csv", &self.csv)];
-        for (flag, path) in products {
+        let products = [
+            ("--annotate", &self.annotate, "png"),
+            ("--wcs", &self.wcs, "fits"),
+            ("--csv", &self.csv, "csv"),
+        ];
+        for (flag, path, extension) in products {
+            path.as_ref().map_or(Ok(()), |path| crate::check_file(path, extension))?;
             if path.is_some() && self.images.len() > 1 {
                 return Err(InputError::new(Path::new(flag), "is for one image")
                     .found(format!("{} images", self.images.len()))
@@ -293,7 +298,9 @@ impl Arguments {
                     .into());
             }
         }
-        Ok(())
+        let inputs = [&self.setup, &self.calibration, &self.dark, &self.flat, &self.mask];
+        let inputs = self.images.iter().chain(&self.ephemeris).chain(inputs.into_iter().flatten());
+        crate::check_apart(inputs, products.iter().map(|(_, path, _)| path.as_ref()), None)
     }
 
     /// Writes what was asked for of an image. Of one that is not solved there is a picture of what was found, and no
