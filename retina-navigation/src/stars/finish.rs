@@ -105,6 +105,15 @@ impl StarSolver {
                 break;
             }
         }
+        if state.covariance[0][0] == 0.0 {
+            // Too few match within a pixel: what was verified is all there is, and its scatter says how well it fits.
+            let rigid = Free { distortion: Distortion::None, aspect: self.aspect_step.is_some() };
+            state = Matched { fit: SkyFit { k1: 0.0, ..state.fit }, ..state };
+            let matches = state.matches.clone();
+            if let Some(fitted) = state.refitted(points, &direction, matches, rigid, self.pixel_rad) {
+                state = fitted;
+            }
+        }
         let found: Vec<StarMatch> = state
             .matches
             .iter()
