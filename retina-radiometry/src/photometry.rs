@@ -124,6 +124,25 @@ mod tests {
     }
 
     #[test]
+    fn a_mixture_of_lambert_and_seeliger_is_the_law() {
+        let mut mixtures = 0;
+        for photometry in laws() {
+            for (mu0, mu, phase_rad) in [(0.9, 0.3, 0.2), (0.1, 0.8, 1.4), (0.5, 0.02, 2.5)] {
+                if let Some([a, b]) = photometry.law.lambert_and_seeliger(phase_rad) {
+                    let whole = photometry.law.radiance_factor(Geometry { mu0, mu, phase_rad });
+                    assert!(
+                        (a * mu0 + b * mu0 / (mu0 + mu) - whole).abs() < 1e-12,
+                        "{}",
+                        photometry.law.name()
+                    );
+                    mixtures += 1;
+                }
+            }
+        }
+        assert_eq!(mixtures, 4 * 3);
+    }
+
+    #[test]
     fn normal_albedo_is_the_radiance_factor_at_normal() {
         for photometry in &laws()[..7] {
             let at = photometry.radiance_factor(Geometry { mu0: 1.0, mu: 1.0, phase_rad: 0.0 });

@@ -7,17 +7,21 @@
 //! - [`CpuRenderer`]: an independent f64 ray caster, reference and fallback.
 //! - [`GpuWarp`]: resampling through the facility's distortion on the way back.
 
+mod arrays;
 mod cpu;
 mod frame;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod native;
 #[cfg(not(feature = "gpu"))]
 mod no_gpu;
+mod placing;
 mod small;
 
 pub use cpu::{CpuRenderer, CpuSampling};
 pub use frame::{BodyModel, BodyState, FrameState, PLANE_NAMES, Planes, Quality, RadianceImage, RenderError};
 #[cfg(feature = "gpu")]
 pub use gpu::{FRAMES_IN_FLIGHT, GpuDevice, GpuRenderer, GpuWarp};
+pub use native::NativeRenderer;
 #[cfg(not(feature = "gpu"))]
 pub use no_gpu::{FRAMES_IN_FLIGHT, GpuDevice, GpuRenderer, GpuWarp};

@@ -1,5 +1,5 @@
-//! The GPU's images against the CPU renderer's, which shares no intersection, texture or sampling
-//! code with the shaders. Each comparison has twins that perturb the image and must fail.
+//! The fast renderers' images, the GPU's and the native one's, against the f64 renderer's, which shares no
+//! intersection, texture or sampling code with either. Each comparison has twins that perturb the image and must fail.
 
 use glam::{DQuat, DVec3};
 use retina_geometry::{Distortion, Pinhole};
@@ -9,8 +9,8 @@ use retina_radiometry::{
     Photometry, Registered, Rolo,
 };
 use retina_render::{
-    BodyModel, BodyState, CpuRenderer, CpuSampling, FrameState, GpuDevice, GpuRenderer, Planes, Quality,
-    RadianceImage,
+    BodyModel, BodyState, CpuRenderer, CpuSampling, FrameState, GpuDevice, GpuRenderer, NativeRenderer,
+    Planes, Quality, RadianceImage,
 };
 use retina_tests::{Comparison, compare, moon, placed, sphere, square_image};
 
@@ -30,19 +30,32 @@ fn model(name: &str, shape: retina_model::Body, photometry: Photometry) -> BodyM
     BodyModel { name: name.into(), shape, photometry }
 }
 
-/// (reference, GPU image), or `None` without an adapter.
-fn both(
-    models: Vec<BodyModel>,
-    state: &FrameState,
-    sampling: CpuSampling,
-    quality: Quality,
-) -> Option<(RadianceImage, RadianceImage)> {
-    let gpu = GpuDevice::open_for_test()?;
-    let mut renderer =
-        GpuRenderer::new(gpu, models.clone(), quality, Planes::Layers).expect("the bodies fit");
-    renderer.start(state).expect("the frame starts");
-    let image = renderer.finish().expect("the frame ends").expect("one frame was started");
-    Some((CpuRenderer::new(models, sampling, Planes::Layers).render(state), image))
+/// An image of a fast renderer beside its reference.
+struct Pair {
+    renderer: &'static str,
+    reference: RadianceImage,
+    image: RadianceImage,
+}
+
+/// The native renderer's image, and the GPU's where there is an adapter.
+fn pairs(models: &[BodyModel], state: &FrameState, sampling: CpuSampling, quality: Quality) -> Vec<Pair> {
+    let reference = CpuRenderer::new(models.to_vec(), sampling, Planes::Layers).render(state);
+    images(models, state, quality)
+        .into_iter()
+        .map(|(renderer, image)| Pair { renderer, reference: reference.clone(), image })
+        .collect()
+}
+
+fn images(models: &[BodyModel], state: &FrameState, quality: Quality) -> Vec<(&'static str, RadianceImage)> {
+    let native = NativeRenderer::new(models, quality, Planes::Layers);
+    let mut out = vec![("native", native.render(state))];
+    if let Some(gpu) = GpuDevice::open_for_test() {
+        let mut renderer =
+            GpuRenderer::new(gpu, models.to_vec(), quality, Planes::Layers).expect("the bodies fit");
+        renderer.start(state).expect("the frame starts");
+        out.push(("gpu", renderer.finish().expect("the frame ends").expect("one frame was started")));
+    }
+    out
 }
 
 /// The Moon from 6000 km at 2 km a pixel, looking down on the terminator: triangles and texels are
@@ -57,35 +70,58 @@ fn moon_close_up() -> FrameState {
 #[test]
 fn moon_with_relief_texture_and_shadows() {
     let state = moon_close_up();
-    let Some((reference, image)) =
-        both(vec![model("moon", moon(), lunar())], &state, REFERENCE, Quality::Best)
-    else {
-        return;
-    };
-    let found = compare(&reference, &image);
-    println!("{found:?}");
-    assert!(found.interior_pixels > 10_000 && found.is_within_tolerance(OUTLIERS), "{found:?}");
-    assert!((found.flux_ratio - 1.0).abs() < 5e-4, "{found:?}");
+    for Pair { renderer, reference, image } in
+        pairs(&[model("moon", moon(), lunar())], &state, REFERENCE, Quality::Best)
+    {
+        let found = compare(&reference, &image);
+        println!("{renderer}: {found:?}");
+        assert!(
+            found.interior_pixels > 10_000 && found.is_within_tolerance(OUTLIERS),
+            "{renderer}: {found:?}"
+        );
+        assert!((found.flux_ratio - 1.0).abs() < 5e-4, "{renderer}: {found:?}");
 
-    // Twins: what the comparison must not let pass.
-    let shifted = perturbed(&image, |image, i| {
-        let width = image.width_px as usize;
-        let left = if i % width > 0 { i - 1 } else { i };
-        0.9 * image.radiance()[i] + 0.1 * image.radiance()[left]
-    });
-    assert!(!compare(&reference, &shifted).is_within_tolerance(OUTLIERS), "a shift of 0.1 px passed");
-    let louder = perturbed(&image, |image, i| 1.01 * image.radiance()[i]);
-    assert!(!compare(&reference, &louder).is_within_tolerance(OUTLIERS), "a gain of 1 % passed");
-    // A missing shadow: one crater's shadow filled with its surroundings' light.
-    let shadowed: Vec<usize> = (0..reference.pixels())
-        .filter(|&i| reference.plane(10)[i] > 0.99 && reference.plane(7)[i] < 88.0)
-        .collect();
-    assert!(!shadowed.is_empty(), "the scene holds no cast shadow");
-    let mut unshadowed = image.clone();
-    for &i in &shadowed {
-        unshadowed.data[i] = 0.12 * 0.59 * reference.plane(7)[i].to_radians().cos();
+        // Twins: what the comparison must not let pass.
+        let shifted = perturbed(&image, |image, i| {
+            let width = image.width_px as usize;
+            let left = if i % width > 0 { i - 1 } else { i };
+            0.9 * image.radiance()[i] + 0.1 * image.radiance()[left]
+        });
+        assert!(!compare(&reference, &shifted).is_within_tolerance(OUTLIERS), "a shift of 0.1 px passed");
+        let louder = perturbed(&image, |image, i| 1.01 * image.radiance()[i]);
+        assert!(!compare(&reference, &louder).is_within_tolerance(OUTLIERS), "a gain of 1 % passed");
+        // A missing shadow: one crater's shadow filled with its surroundings' light.
+        let shadowed: Vec<usize> = (0..reference.pixels())
+            .filter(|&i| reference.plane(10)[i] > 0.99 && reference.plane(7)[i] < 88.0)
+            .collect();
+        assert!(!shadowed.is_empty(), "the scene holds no cast shadow");
+        let mut unshadowed = image.clone();
+        for &i in &shadowed {
+            unshadowed.data[i] = 0.12 * 0.59 * reference.plane(7)[i].to_radians().cos();
+        }
+        assert!(!compare(&reference, &unshadowed).is_within_tolerance(OUTLIERS), "missing shadows passed");
+        layers_agree(renderer, &reference, &image);
     }
-    assert!(!compare(&reference, &unshadowed).is_within_tolerance(OUTLIERS), "missing shadows passed");
+}
+
+/// The planes beside the light, inside the body: depth, normal, angles, shadow.
+fn layers_agree(renderer: &str, reference: &RadianceImage, image: &RadianceImage) {
+    let whole: Vec<usize> = (0..reference.pixels()).filter(|&i| reference.plane(2)[i] == 1.0).collect();
+    let rms = |plane: usize| {
+        let squares = |&i: &usize| f64::from(reference.plane(plane)[i] - image.plane(plane)[i]).powi(2);
+        (whole.iter().map(squares).sum::<f64>() / whole.len() as f64).sqrt()
+    };
+    // Half a facet's slope at most: the f64 renderer has more samples in a pixel.
+    for (plane, limit) in
+        [(2, 1e-6), (3, 100.0), (4, 0.01), (5, 0.01), (6, 0.01), (7, 0.6), (8, 0.6), (9, 0.01)]
+    {
+        let found = rms(plane);
+        println!("{renderer}, {}: {found}", retina_render::PLANE_NAMES[plane]);
+        assert!(found < limit, "{renderer}, {}: {found}", retina_render::PLANE_NAMES[plane]);
+    }
+    let found = rms(10);
+    println!("{renderer}, shadow: {found}");
+    assert!(found < 0.05, "{renderer}, shadow: {found}");
 }
 
 fn perturbed(image: &RadianceImage, value: impl Fn(&RadianceImage, usize) -> f32) -> RadianceImage {
@@ -110,27 +146,29 @@ fn eclipse(sun_distance_m: f64) -> (Vec<BodyModel>, FrameState) {
 #[test]
 fn one_bodys_penumbra_on_another() {
     let (models, state) = eclipse(2.0e10);
-    let Some((reference, image)) = both(models.clone(), &state, REFERENCE, Quality::Best) else { return };
-    let penumbra = reference.plane(10).iter().filter(|&&v| v > 0.05 && v < 0.95).count();
-    assert!(penumbra > 100, "the scene holds {penumbra} pixels of penumbra");
-    // 64 points of the disc: a straight edge across it is off by 0.02 of the light or so.
-    let full = reference.radiance().iter().copied().fold(0.0, f32::max);
-    let errors: Vec<f32> = (0..reference.pixels())
-        .filter(|&i| {
-            reference.plane(2)[i] == 1.0 && reference.plane(10)[i] > 0.0 && reference.plane(10)[i] < 1.0
-        })
-        .map(|i| (reference.radiance()[i] - image.radiance()[i]) / full)
-        .collect();
-    let rms = (errors.iter().map(|e| e * e).sum::<f32>() / errors.len() as f32).sqrt();
-    let worst = errors.iter().fold(0.0f32, |worst, e| worst.max(e.abs()));
-    println!("penumbra: rms {rms}, worst {worst} over {} pixels", errors.len());
-    assert!(rms < 0.02 && worst < 0.1, "penumbra: rms {rms}, worst {worst}");
-    assert!((compare(&reference, &image).flux_ratio - 1.0).abs() < 1e-3);
-
-    // The twin without the caster differs.
     let alone = FrameState { bodies: state.bodies[..1].to_vec(), ..state.clone() };
-    let Some((_, unshadowed)) = both(models[..1].to_vec(), &alone, REFERENCE, Quality::Best) else { return };
-    assert!((compare(&reference, &unshadowed).flux_ratio - 1.0).abs() > 1e-2);
+    let unshadowed = images(&models[..1], &alone, Quality::Best);
+    for (Pair { renderer, reference, image }, (_, unshadowed)) in
+        pairs(&models, &state, REFERENCE, Quality::Best).into_iter().zip(unshadowed)
+    {
+        let penumbra = reference.plane(10).iter().filter(|&&v| v > 0.05 && v < 0.95).count();
+        assert!(penumbra > 100, "the scene holds {penumbra} pixels of penumbra");
+        // 64 points of the disc: a straight edge across it is off by 0.02 of the light or so.
+        let full = reference.radiance().iter().copied().fold(0.0, f32::max);
+        let errors: Vec<f32> = (0..reference.pixels())
+            .filter(|&i| {
+                reference.plane(2)[i] == 1.0 && reference.plane(10)[i] > 0.0 && reference.plane(10)[i] < 1.0
+            })
+            .map(|i| (reference.radiance()[i] - image.radiance()[i]) / full)
+            .collect();
+        let rms = (errors.iter().map(|e| e * e).sum::<f32>() / errors.len() as f32).sqrt();
+        let worst = errors.iter().fold(0.0f32, |worst, e| worst.max(e.abs()));
+        println!("{renderer}, penumbra: rms {rms}, worst {worst} over {} pixels", errors.len());
+        assert!(rms < 0.02 && worst < 0.1, "{renderer}, penumbra: rms {rms}, worst {worst}");
+        assert!((compare(&reference, &image).flux_ratio - 1.0).abs() < 1e-3, "{renderer}");
+        // The twin without the caster differs.
+        assert!((compare(&reference, &unshadowed).flux_ratio - 1.0).abs() > 1e-2, "{renderer}");
+    }
 }
 
 /// One of each law, with parameters that all act, and the root mean square that f32 may differ by.
@@ -185,11 +223,11 @@ fn band(image: &RadianceImage, index: usize, bands: usize) -> RadianceImage {
 /// Bodies that the GPU renderer takes in one frame.
 const MOST_BODIES: usize = 32;
 
-/// Every law times every phase function through the shader against its f64 formula. A pair has a sphere of its own in a
+/// Every law times every phase function through each fast renderer against its f64 formula. A pair has a sphere of its own in a
 /// column; the Sun stands beside the column, so that none shadows another.
 #[test]
 fn every_law_with_every_phase_function_is_the_librarys() {
-    let pairs: Vec<(Law, f64, PhaseFunction)> = every_law()
+    let combinations: Vec<(Law, f64, PhaseFunction)> = every_law()
         .into_iter()
         .flat_map(|(law, limit)| every_phase_function().into_iter().map(move |f| (law, limit, f)))
         .collect();
@@ -198,11 +236,11 @@ fn every_law_with_every_phase_function_is_the_librarys() {
     let band_m = f64::from(band_px) / focal_px * distance_m;
     // All pairs are told, not the first wrong one alone.
     let mut wrong = Vec::new();
-    for (phase_deg, pairs) in
-        [3.0f64, 70.0].into_iter().flat_map(|deg| pairs.chunks(MOST_BODIES).map(move |c| (deg, c)))
+    for (phase_deg, combinations) in
+        [3.0f64, 70.0].into_iter().flat_map(|deg| combinations.chunks(MOST_BODIES).map(move |c| (deg, c)))
     {
         let sun = DVec3::new(phase_deg.to_radians().sin(), 0.0, -phase_deg.to_radians().cos());
-        let count = pairs.len();
+        let count = combinations.len();
         let bodies: Vec<BodyState> = (0..count)
             .map(|i| (i as f64 + 0.5 - 0.5 * count as f64) * band_m)
             .map(|y_m| placed(DVec3::new(0.0, y_m, distance_m), DQuat::IDENTITY, sun, AU_M))
@@ -211,7 +249,7 @@ fn every_law_with_every_phase_function_is_the_librarys() {
         let image = Pinhole { width_px: band_px, cx_px: 0.5 * f64::from(band_px), ..column };
         let state = FrameState { image, distortion: None, bodies };
         let shape = sphere(0.44 * band_m, 48);
-        let models = pairs
+        let models: Vec<BodyModel> = combinations
             .iter()
             .map(|&(law, _, function)| {
                 model(law.name(), shape.clone(), Photometry::new(law, function, Some(0.15)))
@@ -219,29 +257,31 @@ fn every_law_with_every_phase_function_is_the_librarys() {
             .collect();
         // Pixels on edges are not compared: neither side needs finer samples there.
         let sampling = CpuSampling { grid: 4, refined_grid: 4, sun_points: 1, contrast: 0.1 };
-        let Some((references, images)) = both(models, &state, sampling, Quality::Draft) else { return };
-        for (i, (law, limit, function)) in pairs.iter().enumerate() {
-            let agrees = |found: &Comparison| {
-                found.interior_pixels > 300 && found.interior_rms < *limit && found.interior_worst < 0.02
-            };
-            let (reference, image) = (band(&references, i, count), band(&images, i, count));
-            let pair = format!("{} with {} at {phase_deg} deg", law.name(), function.name());
-            let found = compare(&reference, &image);
-            println!("{pair}: {found:?}");
-            if !agrees(&found) {
-                wrong.push(format!("{pair}: {found:?}"));
+        for found in pairs(&models, &state, sampling, Quality::Draft) {
+            for (i, (law, limit, function)) in combinations.iter().enumerate() {
+                let agrees = |found: &Comparison| {
+                    found.interior_pixels > 300 && found.interior_rms < *limit && found.interior_worst < 0.02
+                };
+                let (reference, image) = (band(&found.reference, i, count), band(&found.image, i, count));
+                let pair =
+                    format!("{}: {} with {} at {phase_deg} deg", found.renderer, law.name(), function.name());
+                let found = compare(&reference, &image);
+                println!("{pair}: {found:?}");
+                if !agrees(&found) {
+                    wrong.push(format!("{pair}: {found:?}"));
+                }
+                // Twins: what the comparison must not let pass.
+                let louder = perturbed(&image, |image, i| 1.01 * image.radiance()[i]);
+                assert!(!agrees(&compare(&reference, &louder)), "{pair}: a gain of 1 % passed");
+                let value = function.value(phase_deg.to_radians()) as f32;
+                let without = perturbed(&image, |image, i| image.radiance()[i] / value);
+                assert!(
+                    *function == PhaseFunction::CONSTANT
+                        || phase_deg < 60.0
+                        || !agrees(&compare(&reference, &without)),
+                    "{pair}: an image without the phase function passed"
+                );
             }
-            // Twins: what the comparison must not let pass.
-            let louder = perturbed(&image, |image, i| 1.01 * image.radiance()[i]);
-            assert!(!agrees(&compare(&reference, &louder)), "{pair}: a gain of 1 % passed");
-            let value = function.value(phase_deg.to_radians()) as f32;
-            let without = perturbed(&image, |image, i| image.radiance()[i] / value);
-            assert!(
-                *function == PhaseFunction::CONSTANT
-                    || phase_deg < 60.0
-                    || !agrees(&compare(&reference, &without)),
-                "{pair}: an image without the phase function passed"
-            );
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -257,17 +297,28 @@ fn rendering_through_the_distortion() {
         FrameState { image: square_image(128, 700.0), distortion: Some(distortion), bodies: vec![body] };
     let models = vec![model("sphere", sphere(7.0e5, 64), lunar())];
     let sampling = CpuSampling { grid: 4, refined_grid: 16, sun_points: 1, contrast: 0.1 };
-    let Some((reference, image)) = both(models.clone(), &state, sampling, Quality::Best) else { return };
-    let found = compare(&reference, &image);
-    assert!(found.interior_rms < 1e-3 && found.interior_worst < 0.02, "{found:?}");
-    assert!((found.flux_ratio - 1.0).abs() < 2e-4, "{found:?}");
-    // The twin without the distortion differs.
-    let Some((_, straight)) =
-        both(models, &FrameState { distortion: None, ..state }, sampling, Quality::Best)
-    else {
-        return;
-    };
-    assert!(compare(&reference, &straight).interior_rms > 1e-2);
+    let straight = images(&models, &FrameState { distortion: None, ..state.clone() }, Quality::Best);
+    for (Pair { renderer, reference, image }, (_, straight)) in
+        pairs(&models, &state, sampling, Quality::Best).into_iter().zip(straight)
+    {
+        let found = compare(&reference, &image);
+        println!("{renderer}: {found:?}");
+        assert!(found.interior_rms < 1e-3 && found.interior_worst < 0.02, "{renderer}: {found:?}");
+        assert!((found.flux_ratio - 1.0).abs() < 2e-4, "{renderer}: {found:?}");
+        // The twin without the distortion differs.
+        assert!(compare(&reference, &straight).interior_rms > 1e-2);
+    }
+}
+
+#[test]
+fn the_native_renderer_gives_the_same_bytes_on_every_processor() {
+    let (models, state) = eclipse(AU_M);
+    let native = NativeRenderer::new(&models, Quality::Default, Planes::Layers);
+    let first = native.render(&state);
+    assert!(first.radiance().iter().any(|&v| v > 0.0));
+    assert!(native.render(&state) == first, "the image changed from one rendering to the next");
+    let instructions = native.instructions();
+    assert!(native.portable().render(&state) == first, "{instructions} and portable instructions differ");
 }
 
 #[test]

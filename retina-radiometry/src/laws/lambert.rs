@@ -19,6 +19,10 @@ impl Reflectance for Lambert {
         geometry.mu0
     }
 
+    fn lambert_and_seeliger(&self, _: f64) -> Option<[f64; 2]> {
+        Some([1.0, 0.0])
+    }
+
     fn shader_parameters(&self) -> [f32; LAW_PARAMETERS] {
         [0.0; LAW_PARAMETERS]
     }

@@ -19,6 +19,10 @@ impl Reflectance for LommelSeeliger {
         2.0 * mu0 / (mu0 + mu)
     }
 
+    fn lambert_and_seeliger(&self, _: f64) -> Option<[f64; 2]> {
+        Some([0.0, 2.0])
+    }
+
     fn shader_parameters(&self) -> [f32; LAW_PARAMETERS] {
         [0.0; LAW_PARAMETERS]
     }

@@ -26,6 +26,11 @@ impl Reflectance for LunarLambert {
         l * 2.0 * mu0 / (mu0 + mu) + (1.0 - l) * mu0
     }
 
+    fn lambert_and_seeliger(&self, phase_rad: f64) -> Option<[f64; 2]> {
+        let l = (-phase_rad / self.decay_rad).exp();
+        Some([1.0 - l, 2.0 * l])
+    }
+
     fn shader_parameters(&self) -> [f32; LAW_PARAMETERS] {
         padded([self.decay_rad])
     }

@@ -32,6 +32,12 @@ pub trait Reflectance: Definition {
 
     /// What the WGSL function reads from the body's `law_parameters`, four of them an entry.
     fn shader_parameters(&self) -> [f32; LAW_PARAMETERS];
+
+    /// [a, b] where the law is I/F = a mu0 + b mu0 / (mu0 + mu) at a phase angle: Lambert's law and Lommel and
+    /// Seeliger's, mixed. `None` where it has another form. With it a law costs some additions a sample.
+    fn lambert_and_seeliger(&self, _phase_rad: f64) -> Option<[f64; 2]> {
+        None
+    }
 }
 
 register! {
@@ -60,6 +66,11 @@ impl Law {
     /// I/F of a surface element. `geometry.mu0` and `.mu` must be positive.
     pub fn radiance_factor(&self, geometry: Geometry) -> f64 {
         each!(self, law => law.radiance_factor(geometry))
+    }
+
+    /// [a, b] where the law is I/F = a mu0 + b mu0 / (mu0 + mu) at a phase angle; `None` where it has another form.
+    pub fn lambert_and_seeliger(&self, phase_rad: f64) -> Option<[f64; 2]> {
+        each!(self, law => law.lambert_and_seeliger(phase_rad))
     }
 
     /// What the WGSL function reads from the body's `law_parameters`, four of them an entry.

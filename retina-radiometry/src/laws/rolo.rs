@@ -19,6 +19,14 @@ pub struct Rolo {
     pub polynomial: [f64; 5],
 }
 
+impl Rolo {
+    fn phase_factor(&self, phase_rad: f64) -> f64 {
+        let a = phase_rad.to_degrees();
+        let polynomial = self.polynomial.iter().rev().fold(0.0, |sum, c| sum * a + c);
+        (self.surge_amplitude * (-self.surge_decay_per_deg * a).exp() + polynomial).max(0.0)
+    }
+}
+
 impl Definition for Rolo {
     const KEYS: &'static [Key] = &[
         Key::required("surge_amplitude", "amplitude of the opposition surge", [0.0, 10.0]),
@@ -37,10 +45,11 @@ impl Definition for Rolo {
 
 impl Reflectance for Rolo {
     fn radiance_factor(&self, Geometry { mu0, mu, phase_rad }: Geometry) -> f64 {
-        let a = phase_rad.to_degrees();
-        let polynomial = self.polynomial.iter().rev().fold(0.0, |sum, c| sum * a + c);
-        let f = self.surge_amplitude * (-self.surge_decay_per_deg * a).exp() + polynomial;
-        mu0 / (mu0 + mu) * f.max(0.0)
+        mu0 / (mu0 + mu) * self.phase_factor(phase_rad)
+    }
+
+    fn lambert_and_seeliger(&self, phase_rad: f64) -> Option<[f64; 2]> {
+        Some([0.0, self.phase_factor(phase_rad)])
     }
 
     fn shader_parameters(&self) -> [f32; LAW_PARAMETERS] {

@@ -4,9 +4,6 @@ use bytemuck::{Pod, Zeroable};
 use retina_geometry::{MAX_DEGREE, term_count};
 use retina_radiometry::{LAW_PARAMETERS, PHASE_PARAMETERS};
 
-pub(crate) const NONE: u32 = u32::MAX;
-pub(crate) const FLAT: u32 = 1;
-pub(crate) const TWO_SIDED: u32 = 2;
 pub(crate) const MOST_BODIES: usize = 32;
 
 /// Two coefficients an entry.
@@ -60,39 +57,6 @@ pub(crate) struct Body {
     pub law_parameters: [[f32; 4]; LAW_PARAMETERS / 4],
     pub phase_parameters: [f32; PHASE_PARAMETERS],
     pub small_disc_px: [f32; 4],
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub(crate) struct Vertex {
-    pub position: [f32; 3],
-    pub u: f32,
-    pub normal: [f32; 3],
-    pub v: f32,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub(crate) struct Surface {
-    pub body: u32,
-    pub albedo_map: u32,
-    pub slope_map: u32,
-    pub flags: u32,
-    pub albedo_factor: f32,
-    pub padding: [u32; 3],
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub(crate) struct Map {
-    pub first: u32,
-    pub width: u32,
-    pub height: u32,
-    pub levels: u32,
-    pub wrap_u: u32,
-    pub wrap_v: u32,
-    pub scale: f32,
-    pub padding: u32,
 }
 
 #[repr(C)]

@@ -4,18 +4,16 @@
 //!    index of the triangle it sees.
 //! 2. `shade`: each sample is shaded at the exact point where its ray meets that triangle. Pixels
 //!    on an edge, or whose samples differ, are listed; where the body's relief (bounded
-//!    beforehand, [`horizon`]) or another body may stand before the Sun, one ray a pixel probes
+//!    beforehand, `arrays::horizon`) or another body may stand before the Sun, one ray a pixel probes
 //!    it, and pixels on a shadow's edge are listed too.
 //! 3. `refine`: listed pixels are sampled anew, each sample with a primary and a Sun ray.
 
-mod bvh;
 mod device;
-mod horizon;
 mod layout;
+mod nodes;
 mod pipelines;
 mod state;
 mod targets;
-mod upload;
 mod warp;
 
 use std::collections::VecDeque;
@@ -23,13 +21,14 @@ use std::collections::VecDeque;
 pub use device::GpuDevice;
 pub use warp::GpuWarp;
 
+use crate::arrays::SceneArrays;
+use crate::placing::{self, Region};
 use crate::small::Window;
 use crate::{BodyModel, FrameState, Planes, Quality, RadianceImage, RenderError};
 use layout::{Body, Frame, MOST_BODIES};
 use pipelines::Pipelines;
-use state::{GRID, Region};
+use state::GRID;
 use targets::{Targets, check_size};
-use upload::SceneArrays;
 
 /// Frames after which a software device is opened anew: Mesa 22.3's lavapipe keeps up to
 /// 8 MB of each frame until its device is destroyed.
@@ -181,7 +180,7 @@ impl GpuRenderer {
         encoder.clear_buffer(&targets.planes, 0, None);
         encoder.clear_buffer(&targets.work, 0, Some(WORK_HEAD));
         encoder.clear_buffer(&targets.light, 0, None);
-        if let Some(region) = state::region(state, &self.arrays.ranges) {
+        if let Some(region) = placing::region(state, &self.arrays.ranges) {
             let frame = state::frame_uniform(state, region, &self.arrays.ranges);
             let bodies = state::body_uniforms(state, &self.models, &self.arrays.ranges, self.quality);
             self.gpu.queue.write_buffer(&self.scene.frame, 0, bytemuck::bytes_of(&frame));
@@ -345,8 +344,16 @@ impl SceneBuffers {
         let bodies =
             gpu.buffer("bodies", (MOST_BODIES * size_of::<Body>()) as u64, Usage::UNIFORM | Usage::COPY_DST)?;
         let (uint4, float4) = (wgpu::TextureFormat::Rgba32Uint, wgpu::TextureFormat::Rgba32Float);
+        let nodes: Vec<[u32; 4]> = arrays
+            .ranges
+            .iter()
+            .flat_map(|range| {
+                let own = &arrays.nodes[range.node_first as usize..range.node_end as usize];
+                nodes::pack(own, range.bounds_m, range.node_first)
+            })
+            .collect();
         let textures = [
-            gpu.array_texture("bounding volume hierarchy", &arrays.nodes, uint4)?,
+            gpu.array_texture("bounding volume hierarchy", &nodes, uint4)?,
             gpu.array_texture("triangles", &arrays.triangles, uint4)?,
             gpu.array_texture("vertices", &arrays.vertices, float4)?,
             gpu.array_texture("horizons", &arrays.horizons, wgpu::TextureFormat::R32Float)?,

@@ -3,7 +3,7 @@
 use retina_shaders::Kinds;
 use std::num::NonZeroU64;
 
-use super::layout::Vertex;
+use crate::arrays::Vertex;
 
 pub(crate) const VISIBILITY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
 pub(crate) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;

@@ -3,12 +3,13 @@
 use glam::{DMat3, DVec2, DVec3};
 use retina_radiometry::{Photometry, sun_angular_radius_rad, sun_irradiance_w_m2_nm};
 
-use super::horizon::PATCH;
 use super::layout::{Body, DISTORTION_ENTRIES, Frame};
-use super::upload::BodyRange;
+use super::nodes::box_steps;
+use crate::arrays::{BodyRange, PATCH};
 use crate::frame::contrast_reference;
+use crate::placing::{RAY_OFFSET, Region, shadow_casters};
 use crate::small::small_disc;
-use crate::{BodyModel, BodyState, FrameState, Quality};
+use crate::{BodyModel, FrameState, Quality};
 
 /// A walk over the triangles of one pixel has to end within llvmpipe's 65 535 loop turns. A body of a
 /// few pixels with more triangles than this a pixel is left to the first-pass samples when it is not
@@ -16,13 +17,6 @@ use crate::{BodyModel, BodyState, FrameState, Quality};
 const MOST_TRIANGLES_A_PIXEL: f64 = 8000.0;
 /// First-pass samples a pixel along one axis.
 pub(crate) const GRID: u32 = 2;
-
-/// A rectangle of pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Region {
-    pub origin: [u32; 2],
-    pub size: [u32; 2],
-}
 
 pub(crate) fn frame_uniform(state: &FrameState, region: Region, ranges: &[BodyRange]) -> Frame {
     let k = &state.image;
@@ -85,6 +79,7 @@ pub(crate) fn body_uniforms(
             let sun = body.sun_position_body_m / sun_distance_m;
             let across = sun.any_orthonormal_vector();
             let rotation: DMat3 = body.camera_from_body;
+            let (box_low_m, box_step_m) = box_steps(range.bounds_m);
             let mut out = Body {
                 camera_from_body_x: rotation.x_axis.as_vec3().to_array(),
                 reference_depth_m: if far { centre.z as f32 } else { 0.0 },
@@ -107,11 +102,13 @@ pub(crate) fn body_uniforms(
                 center_px_part: (centre_px - whole).as_vec2().to_array(),
                 center_line_of_sight: line_of_sight.as_vec2().to_array(),
                 triangle_first: range.triangle_first,
-                shadow_casters: shadow_casters(state, ranges, body),
+                shadow_casters: shadow_casters(state, ranges, index)
+                    .iter()
+                    .fold(0, |bits, other| bits | 1 << other),
                 bounding_radius_m: range.bounding_radius_m as f32,
-                box_low_m: range.box_low_m,
+                box_low_m,
                 triangle_end: range.triangle_first + range.triangle_count.next_multiple_of(PATCH as u32),
-                box_step_m: range.box_step_m,
+                box_step_m,
                 small_disc_px: small,
                 ..Body::default()
             };
@@ -121,74 +118,10 @@ pub(crate) fn body_uniforms(
         .collect()
 }
 
-/// Shadow rays start this far above the surface, in bounding radii: a few roundings of f32.
-const RAY_OFFSET: f64 = 4e-6;
-
-/// Bodies whose bounding sphere meets the cylinder, widening by the Sun's angular radius, from
-/// this body towards the Sun.
-fn shadow_casters(state: &FrameState, ranges: &[BodyRange], receiver: &BodyState) -> u32 {
-    let own = state.bodies.iter().position(|body| std::ptr::eq(body, receiver)).unwrap_or(0);
-    let sun = receiver.camera_from_body * receiver.sun_position_body_m;
-    let (towards, spread) = (sun.normalize(), sun_angular_radius_rad(sun.length()).tan());
-    let mut bits = 0;
-    for (index, (body, range)) in state.bodies.iter().zip(ranges).enumerate() {
-        let between = body.position_camera_m - receiver.position_camera_m;
-        let along = between.dot(towards);
-        let radii = range.bounding_radius_m + ranges[own].bounding_radius_m;
-        let aside = (between - along * towards).length();
-        if index != own && along > -radii && aside < radii + (along + radii) * spread {
-            bits |= 1 << index;
-        }
-    }
-    bits
-}
-
 fn set_photometry(out: &mut Body, photometry: &Photometry) {
     out.factor = photometry.factor as f32;
     out.law = photometry.law.index();
     out.law_parameters = bytemuck::cast(photometry.law.shader_parameters());
     out.phase_law = photometry.phase_function.index();
     out.phase_parameters = photometry.phase_function.shader_parameters();
-}
-
-/// The rectangle that holds the projections of all bodies' bounding spheres; the whole image
-/// where one of them is too near for that.
-pub(crate) fn region(state: &FrameState, ranges: &[BodyRange]) -> Option<Region> {
-    let image = &state.image;
-    let (width, height) = (f64::from(image.width_px), f64::from(image.height_px));
-    let whole = Region { origin: [0, 0], size: [image.width_px, image.height_px] };
-    let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-    for (body, range) in state.bodies.iter().zip(ranges) {
-        let (centre, radius) = (body.position_camera_m, range.bounding_radius_m);
-        if centre.z + radius <= 0.0 {
-            continue;
-        }
-        // The box about the sphere projects into this rectangle when it is in front as a whole.
-        if centre.z - radius <= 0.05 * radius {
-            return Some(whole);
-        }
-        for corner in 0..8 {
-            let side = |bit: i32| if corner >> bit & 1 == 1 { radius } else { -radius };
-            let point = centre + DVec3::new(side(0), side(1), side(2));
-            let mut line_of_sight = DVec2::new(point.x, point.y) / point.z;
-            if let Some(distortion) = &state.distortion {
-                match distortion.undistort(line_of_sight) {
-                    Ok(undistorted) => line_of_sight = undistorted,
-                    Err(_) => return Some(whole),
-                }
-            }
-            let pixel = image.pixel(line_of_sight);
-            low = low.min(pixel);
-            high = high.max(pixel);
-        }
-    }
-    // A distorted rectangle bulges: a margin of 2 % of its size and some pixels.
-    let margin = (high - low) * if state.distortion.is_some() { 0.02 } else { 0.0 } + 3.0;
-    let low = (low - margin).floor().clamp(DVec2::ZERO, DVec2::new(width, height));
-    let high = (high + margin).ceil().clamp(DVec2::ZERO, DVec2::new(width, height));
-    let size = high - low;
-    if !(size.x >= 1.0 && size.y >= 1.0) {
-        return None;
-    }
-    Some(Region { origin: [low.x as u32, low.y as u32], size: [size.x as u32, size.y as u32] })
 }

@@ -13,7 +13,7 @@ use glam::Vec3A;
 use rayon::prelude::*;
 
 use super::bvh::Node;
-use super::layout::Vertex;
+use super::types::Vertex;
 
 /// Triangles in a patch; the shader divides triangle indices by it.
 pub(crate) const PATCH: usize = 8;
@@ -270,7 +270,7 @@ impl BodyView<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::bvh;
+    use crate::arrays::bvh;
 
     #[test]
     fn what_is_passed_over_would_not_raise_the_bound() {

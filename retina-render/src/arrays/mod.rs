@@ -1,17 +1,24 @@
-//! Body models as the flat arrays that the shaders read.
+//! Body models as flat arrays, with a hierarchy to walk and bounds on the relief: what the shaders and the native
+//! renderer read.
+
+pub(crate) mod bvh;
+pub(crate) mod horizon;
+mod types;
 
 use rayon::prelude::*;
 use retina_model::{AlbedoMap, SlopeMap, Wrap};
 
-use super::bvh;
-use super::horizon::{self, PATCH};
-use super::layout::{FLAT, Map, NONE, Surface, TWO_SIDED, Vertex};
+pub(crate) use horizon::PATCH;
+pub(crate) use types::{FLAT, Map, NONE, Surface, TWO_SIDED, Vertex};
+
 use crate::BodyModel;
+use bvh::Node;
 
 /// All bodies of a scene, one after the other.
 #[derive(Default)]
 pub(crate) struct SceneArrays {
-    pub nodes: Vec<[u32; 4]>,
+    /// Links count from a body's first node.
+    pub nodes: Vec<Node>,
     /// Vertex indices and surface; 8-aligned for each body by repeating its last triangle.
     pub triangles: Vec<[u32; 4]>,
     pub vertices: Vec<Vertex>,
@@ -27,13 +34,15 @@ pub(crate) struct SceneArrays {
 /// Where a body's parts lie in the arrays.
 #[derive(Clone, Copy)]
 pub(crate) struct BodyRange {
+    pub vertex_first: u32,
+    pub vertex_end: u32,
     pub node_first: u32,
     pub node_end: u32,
     pub triangle_first: u32,
     pub triangle_count: u32,
     pub bounding_radius_m: f64,
-    pub box_low_m: [f32; 3],
-    pub box_step_m: [f32; 3],
+    /// Lowest and highest corner of its box, m.
+    pub bounds_m: [[f32; 3]; 2],
     pub double_sided: bool,
 }
 
@@ -82,8 +91,7 @@ impl SceneArrays {
             self.vertices[vertex_first as usize..].iter().map(|v| v.position).collect();
         let (node_first, triangle_first) = (self.nodes.len() as u32, self.triangles.len() as u32);
         let hierarchy = bvh::build(&positions, &shape.triangles, triangle_first);
-        let packed = hierarchy.pack(node_first);
-        self.nodes.extend(&packed.words);
+        self.nodes.extend(&hierarchy.nodes);
         self.triangles.extend(hierarchy.order.iter().map(|&triangle| {
             let [a, b, c] = shape.triangles[triangle as usize].map(|corner| vertex_first + corner);
             [a, b, c, surface_first + u32::from(shape.triangle_surface[triangle as usize])]
@@ -109,13 +117,14 @@ impl SceneArrays {
             [corner(0, f32::from(u8::from(two_sided))), corner(1, 0.0), corner(2, 0.0)]
         }));
         self.ranges.push(BodyRange {
+            vertex_first,
+            vertex_end: self.vertices.len() as u32,
             node_first,
             node_end: self.nodes.len() as u32,
             triangle_first,
             triangle_count,
             bounding_radius_m: shape.bounding_radius_m(),
-            box_low_m: packed.box_low,
-            box_step_m: packed.box_step,
+            bounds_m: hierarchy.nodes.first().map_or([[0.0; 3]; 2], |root| [root.low, root.high]),
             double_sided: shape.surfaces.iter().any(|surface| surface.double_sided),
         });
     }

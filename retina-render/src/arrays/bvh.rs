@@ -1,4 +1,4 @@
-//! The bounding volume hierarchy that rays walk on the GPU.
+//! The bounding volume hierarchy that rays walk.
 
 /// A node, depth-first: an inner node's first child is the next node.
 #[derive(Clone, Copy)]
@@ -16,47 +16,6 @@ pub(crate) struct Node {
 pub(crate) struct Hierarchy {
     pub nodes: Vec<Node>,
     pub order: Vec<u32>,
-}
-
-/// A hierarchy's nodes as the shaders read them: boxes in 16-bit steps, rounded outwards, and a
-/// link; half the memory of f32 boxes, and memory is what rays wait for.
-pub(crate) struct PackedNodes {
-    pub words: Vec<[u32; 4]>,
-    pub box_low: [f32; 3],
-    pub box_step: [f32; 3],
-}
-
-impl Hierarchy {
-    /// Packs the nodes; links count from `first_node`.
-    pub(crate) fn pack(&self, first_node: u32) -> PackedNodes {
-        let root = self.nodes.first();
-        let low: [f32; 3] = root.map_or([0.0; 3], |root| root.low);
-        // 65533 steps and one of slack at either end, so that rounding never leaves the range.
-        let step: [f32; 3] = std::array::from_fn(|k| {
-            let extent = root.map_or(1.0, |root| root.high[k] - root.low[k]);
-            (extent / 65_533.0).max(extent.max(1e-30) * 1e-9).max(f32::MIN_POSITIVE)
-        });
-        let low: [f32; 3] = std::array::from_fn(|k| low[k] - step[k]);
-        let words = self
-            .nodes
-            .iter()
-            .map(|node| {
-                let mut words = [0u32; 4];
-                for k in 0..3 {
-                    let down = (((node.low[k] - low[k]) / step[k]).floor() - 1.0).clamp(0.0, 65_535.0);
-                    let up = (((node.high[k] - low[k]) / step[k]).ceil() + 1.0).clamp(0.0, 65_535.0);
-                    words[k] = down as u32 | (up as u32) << 16;
-                }
-                words[3] = if node.count > 0 {
-                    1 << 31 | node.count << 28 | node.first
-                } else {
-                    first_node + node.escape
-                };
-                words
-            })
-            .collect();
-        PackedNodes { words, box_low: low, box_step: step }
-    }
 }
 
 #[derive(Clone, Copy)]

@@ -1,0 +1,391 @@
+//! A pixel from its samples: fragments, sunlight, means.
+
+use glam::{Vec2, Vec3};
+
+use super::frame::Prepared;
+use super::rays::{Blocked, LANES, Packet};
+use super::shade::{Facet, Fragment, Light};
+use super::visibility::{Samples, Setup};
+use crate::PLANE_NAMES;
+
+/// Planes at most.
+pub(crate) const PLANES: usize = PLANE_NAMES.len();
+
+/// What a pixel shows.
+#[derive(Clone, Copy)]
+pub(crate) struct Pixel {
+    pub planes: [f32; PLANES],
+    pub owner: Owner,
+    pub light: Sunlit,
+    /// Its samples differ much.
+    pub uneven: bool,
+}
+
+/// What a pixel's samples see.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Owner {
+    Sky,
+    Body(u32),
+    Mixed,
+}
+
+/// What is known of a pixel's light; two bits, so that neighbours can be joined.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Sunlit(pub u8);
+
+impl Sunlit {
+    pub(crate) const UNSEEN: Self = Self(0);
+    pub(crate) const DARK: Self = Self(2);
+    pub(crate) const EDGE: Self = Self(3);
+}
+
+impl Pixel {
+    pub(crate) const SKY: Self =
+        Self { planes: [0.0; PLANES], owner: Owner::Sky, light: Sunlit::UNSEEN, uneven: false };
+
+    /// The same pixel without light.
+    pub(crate) fn in_shadow(&self) -> Self {
+        let mut out = *self;
+        (out.planes[0], out.planes[1], out.planes[10]) = (0.0, 0.0, 1.0);
+        out
+    }
+}
+
+/// Point k of 2^n_log2 in the unit square: the rank-1 lattice whose multiplier leaves the least rms error in the area
+/// beside a straight edge of any direction (shaders/refine.wgsl).
+pub(crate) fn square_point(k: u32, n_log2: u32) -> Vec2 {
+    let multiplier = match n_log2 {
+        4 => 13,
+        5 => 25,
+        6 => 27,
+        8 => 181,
+        _ => 3,
+    };
+    let n = 1u32 << n_log2;
+    Vec2::new(k as f32 + 0.5, (k.wrapping_mul(multiplier) & (n - 1)) as f32 + 0.5) / n as f32
+}
+
+/// n points spread evenly over the unit disc (sunflower spiral).
+pub(crate) fn disc_points(n: u32) -> Vec<Vec2> {
+    let point = |k: u32| Vec2::from_angle(2.399_963_2 * k as f32) * ((k as f32 + 0.5) / n as f32).sqrt();
+    (0..n).map(point).collect()
+}
+
+/// A turn of the Sun's disc points for each pixel, so that their pattern leaves no bands: cosine and sine.
+fn pixel_turn(pixel: u32) -> Vec2 {
+    let mut h = pixel.wrapping_mul(0x9e37_79b9);
+    h = (h ^ (h >> 16)).wrapping_mul(0x85eb_ca6b);
+    h = (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35);
+    Vec2::from_angle(((h ^ (h >> 16)) >> 8) as f32 * (std::f32::consts::TAU / 16_777_216.0))
+}
+
+/// A Sun ray that waits for the others.
+#[derive(Clone, Copy)]
+struct SunRay {
+    sample: u32,
+    fragment: u32,
+    origin: Vec3,
+    direction: Vec3,
+}
+
+/// No fragment, no facet.
+const NONE: u32 = u32::MAX;
+
+/// Work space of one thread.
+#[derive(Default)]
+pub(crate) struct Bench {
+    /// Of the tile's triangles those that are seen; for each triangle its place among them, or `NONE`.
+    facets: Vec<Facet>,
+    facet_of: Vec<u32>,
+    fragments: Vec<Fragment>,
+    /// Of each fragment: see `Fragment::sun_axes`.
+    sun_axes: Vec<[Vec3; 2]>,
+    /// Of each sample; `NONE` for the sky.
+    of_sample: Vec<u32>,
+    sums: Vec<([f32; 2], u32, u32)>,
+    rays: Vec<SunRay>,
+    /// Of each sample of the pixel: I/F without the texture, and the part of the Sun that is hidden.
+    light: Vec<[f32; 2]>,
+}
+
+/// Which rays of a packet in a body's axes do not see the Sun: `relief` may be stopped by the body itself, all of
+/// `group` by another.
+fn stopped(frame: &Prepared<'_>, body: usize, packet: &Packet, group: u32, relief: u32) -> u32 {
+    let blocked = |body: usize, rays: &Packet, open: u32| {
+        frame.level.run(Blocked { arrays: frame.arrays, body, rays, open })
+    };
+    let mut stopped = if relief == 0 { 0 } else { blocked(body, packet, relief) };
+    for (caster, turn, shift) in &frame.placed[body].casters {
+        let open = group & !stopped;
+        if open == 0 {
+            break;
+        }
+        stopped |= blocked(*caster, &packet.moved(turn, *shift), open);
+    }
+    stopped
+}
+
+/// Where a pixel's samples lie, and what they belong to.
+pub(crate) struct View<'a> {
+    pub frame: &'a Prepared<'a>,
+    pub setups: &'a [Setup],
+    pub samples: &'a Samples,
+    /// The tile's reference line of sight.
+    pub sight: [f32; 2],
+    pub layers: bool,
+    /// Points of the Sun's disc, as many as a pixel has samples.
+    pub disc_points: &'a [Vec2],
+    /// The pixel's number in the image.
+    pub pixel: u32,
+}
+
+impl Bench {
+    /// Turns to a tile of `triangles` triangles.
+    pub(crate) fn begin(&mut self, triangles: usize) {
+        self.facets.clear();
+        self.facet_of.clear();
+        self.facet_of.resize(triangles, NONE);
+    }
+
+    /// Parts a pixel's samples into fragments and shades them.
+    fn gather(&mut self, view: &View<'_>, run: std::ops::Range<usize>, count: u32) {
+        self.fragments.clear();
+        self.of_sample.clear();
+        self.sums.clear();
+        let mut last = 0u32;
+        let mut index = NONE;
+        for sample in run {
+            let seen = view.samples.seen[sample];
+            if seen == 0 {
+                self.of_sample.push(NONE);
+                continue;
+            }
+            if seen != last {
+                last = seen;
+                let found = self.sums.iter().position(|&(_, _, number)| number == seen);
+                index = found.unwrap_or(self.sums.len()) as u32;
+                if found.is_none() {
+                    self.sums.push(([0.0; 2], 0, seen));
+                }
+            }
+            let (sum, samples, _) = &mut self.sums[index as usize];
+            sum[0] += view.samples.x[sample];
+            sum[1] += view.samples.y[sample];
+            *samples = samples.wrapping_add(1);
+            self.of_sample.push(index);
+        }
+        let sample_px = 1.0 / (count as f32).sqrt();
+        for &(sum, samples, seen) in &self.sums {
+            let number = seen.wrapping_sub(1) as usize;
+            let middle = sum.map(|value| value / samples as f32);
+            let (frame, setup) = (view.frame, &view.setups[number]);
+            if self.facet_of[number] == NONE {
+                self.facet_of[number] = self.facets.len() as u32;
+                self.facets.push(Facet::new(frame, setup.triangle));
+            }
+            let facet = &self.facets[self.facet_of[number] as usize];
+            let (number, sight) = (number as u32, view.sight);
+            let fragment = Fragment::new(frame, setup, facet, number, sight, middle, samples, sample_px);
+            self.fragments.push(fragment);
+        }
+    }
+
+    /// A pixel of the first pass: shaded as if nothing stood before the Sun, with a packet of rays where it may.
+    pub(crate) fn first(&mut self, view: &View<'_>, run: std::ops::Range<usize>) -> Pixel {
+        let seen = &view.samples.seen[run.clone()];
+        if seen.iter().all(|&number| number == 0) {
+            return Pixel::SKY;
+        }
+        let count = run.len() as u32;
+        self.gather(view, run.clone(), count);
+        let body = self.fragments[0].body;
+        let owner = if self.of_sample.contains(&NONE)
+            || self.fragments.iter().any(|fragment| fragment.body != body)
+        {
+            Owner::Mixed
+        } else {
+            Owner::Body(body)
+        };
+        let doubt = self.fragments.iter().any(|fragment| matches!(fragment.light, Light::Doubt { .. }));
+        let away = self.fragments.iter().any(|fragment| fragment.light == Light::Away);
+        let free = self.fragments.iter().any(|fragment| fragment.light == Light::Free);
+        let mut light = Sunlit(u8::from(free) | u8::from(away && !free && !doubt) << 1);
+        // A pixel on an edge is sampled anew in any case, and so is one of which a ray sees no Sun, unless it lies in
+        // shadow as a whole.
+        let mut again = owner == Owner::Mixed;
+        if doubt && !again {
+            let probed = self.probe(view, &run, count);
+            again = probed.0 & Sunlit::DARK.0 != 0;
+            light = Sunlit(light.0 | probed.0);
+        }
+        self.light.clear();
+        for &index in &self.of_sample {
+            let lit = self.fragments.get(index as usize).map_or([0.0; 2], |fragment| {
+                let value = if again { 0.0 } else { fragment.value };
+                [value, f32::from(u8::from(fragment.light == Light::Away))]
+            });
+            self.light.push(lit);
+        }
+        let planes = self.mean(view, run, count);
+        let values = self.fragments.iter().map(|fragment| fragment.value);
+        let (least, most) = values.fold((f32::INFINITY, 0.0f32), |(a, b), v| (a.min(v), b.max(v)));
+        let uneven = most - least > view.frame.placed[body as usize].contrast;
+        Pixel { planes, owner, light, uneven }
+    }
+
+    /// Rays from samples spread over the pixel to points spread over the Sun. Only samples in doubt count: the others
+    /// are as well known as a sample can be.
+    fn probe(&mut self, view: &View<'_>, run: &std::ops::Range<usize>, count: u32) -> Sunlit {
+        let turn = pixel_turn(view.pixel);
+        let points = &view.frame.probe_points;
+        self.find_sun_axes(view);
+        let step = (count / points.len() as u32).max(1);
+        self.rays.clear();
+        self.light.clear();
+        self.light.resize(count as usize, [0.0; 2]);
+        let mut below = 0;
+        for (&point, sample) in points.iter().zip((0..count).step_by(step as usize)) {
+            let fragment = self.fragments.get(self.of_sample[sample as usize] as usize);
+            if fragment.is_some_and(|fragment| matches!(fragment.light, Light::Doubt { .. })) {
+                below += usize::from(!self.aim(view, run, sample, turn.rotate(point)));
+            }
+        }
+        let hidden = self.trace(view);
+        Sunlit(u8::from(hidden < self.rays.len()) | u8::from(hidden + below > 0) << 1)
+    }
+
+    fn find_sun_axes(&mut self, view: &View<'_>) {
+        let axes = |fragment: &Fragment| fragment.sun_axes(&view.frame.placed[fragment.body as usize]);
+        self.sun_axes.clear();
+        self.sun_axes.extend(self.fragments.iter().map(axes));
+    }
+
+    /// Shades a sample that looks at a point of the Sun's disc, and has a ray wait to be traced; `false` where the point
+    /// lies below the horizon.
+    fn aim(&mut self, view: &View<'_>, run: &std::ops::Range<usize>, sample: u32, place: Vec2) -> bool {
+        let index = self.of_sample[sample as usize];
+        let Some(fragment) = self.fragments.get(index as usize) else { return false };
+        let placed = &view.frame.placed[fragment.body as usize];
+        let [side, up] = self.sun_axes[index as usize];
+        let direction = (fragment.sun + side * place.x + up * place.y).normalize();
+        let mu0 = fragment.normal.dot(direction);
+        if mu0 <= 0.0 || fragment.geometric.dot(direction) <= 0.0 {
+            self.light[sample as usize] = [0.0, 1.0];
+            return false;
+        }
+        self.light[sample as usize] = [fragment.radiance_factor(placed, mu0), 0.0];
+        let number = fragment.number as usize;
+        let at = run.start + sample as usize;
+        let (weights, _) = view.setups[number].weights_and_depth(view.samples.x[at], view.samples.y[at]);
+        let point = self.facets[self.facet_of[number] as usize].point(weights);
+        let origin = point + fragment.geometric * placed.ray_offset_m;
+        self.rays.push(SunRay { sample, fragment: index, origin, direction });
+        true
+    }
+
+    /// Traces the rays that wait, takes the light from samples that do not see the Sun, and counts them.
+    fn trace(&mut self, view: &View<'_>) -> usize {
+        let mut hidden = 0;
+        for start in (0..self.rays.len()).step_by(LANES) {
+            let rays = &self.rays[start..(start + LANES).min(self.rays.len())];
+            let mut waiting = (1u32 << rays.len()) - 1;
+            // A packet holds rays of one body; a pixel rarely sees two.
+            while waiting != 0 {
+                let first = waiting.trailing_zeros() as usize;
+                let body = self.fragments[rays[first].fragment as usize].body;
+                let (mut group, mut relief) = (0u32, 0u32);
+                for (k, ray) in rays.iter().enumerate() {
+                    let fragment = &self.fragments[ray.fragment as usize];
+                    if fragment.body == body {
+                        group |= 1 << k;
+                        relief |= u32::from(fragment.light == Light::Doubt { own_relief: true }) << k;
+                    }
+                }
+                let mut packet = Packet::default();
+                for k in 0..LANES {
+                    let ray = &rays[if group >> k & 1 == 1 { k } else { first }];
+                    packet.set(k, ray.origin, ray.direction);
+                }
+                let stopped = stopped(view.frame, body as usize, &packet, group, relief);
+                for (k, ray) in rays.iter().enumerate() {
+                    if stopped >> k & 1 == 1 {
+                        self.light[ray.sample as usize] = [0.0, 1.0];
+                        hidden += 1;
+                    }
+                }
+                waiting &= !group;
+            }
+        }
+        hidden
+    }
+
+    /// A pixel sampled anew: each sample looks at its own point of the Sun.
+    pub(crate) fn refined(&mut self, view: &View<'_>, run: std::ops::Range<usize>) -> [f32; PLANES] {
+        let count = run.len() as u32;
+        self.gather(view, run.clone(), count);
+        self.light.clear();
+        self.light.resize(count as usize, [0.0; 2]);
+        self.rays.clear();
+        let turn = pixel_turn(view.pixel);
+        self.find_sun_axes(view);
+        for sample in 0..count {
+            let Some(fragment) = self.fragments.get(self.of_sample[sample as usize] as usize) else {
+                continue;
+            };
+            match fragment.light {
+                Light::Free => self.light[sample as usize] = [fragment.value, 0.0],
+                Light::Away => self.light[sample as usize] = [0.0, 1.0],
+                // One point of the Sun's disc a sample, from all over the disc for neighbouring samples.
+                Light::Doubt { .. } => {
+                    let point = sample.wrapping_mul(37) & (count - 1);
+                    self.aim(view, &run, sample, turn.rotate(view.disc_points[point as usize]));
+                }
+            }
+        }
+        self.trace(view);
+        self.mean(view, run, count)
+    }
+
+    /// Radiance, I/F and coverage are means over the pixel, the other planes means over the part of it that a body
+    /// covers.
+    fn mean(&mut self, view: &View<'_>, run: std::ops::Range<usize>, count: u32) -> [f32; PLANES] {
+        let mut planes = [0.0f32; PLANES];
+        let (mut radiance, mut factor, mut shadow) = (0.0f32, 0.0f32, 0.0f32);
+        for ((&index, &[value, hidden]), sample) in self.of_sample.iter().zip(&self.light).zip(run) {
+            shadow += hidden;
+            if value > 0.0 {
+                let fragment = &self.fragments[index as usize];
+                let place = [view.samples.x[sample], view.samples.y[sample]];
+                let textured = value * fragment.albedo(view.frame, place);
+                factor += textured;
+                radiance += textured * view.frame.placed[fragment.body as usize].sun_irradiance_over_pi;
+            }
+        }
+        planes[0] = radiance / count as f32;
+        planes[1] = factor / count as f32;
+        if view.layers {
+            let mut hits = 0.0f32;
+            let mut normal = Vec3::ZERO;
+            for fragment in &self.fragments {
+                let weight = fragment.samples as f32;
+                let placed = &view.frame.placed[fragment.body as usize];
+                hits += weight;
+                planes[3] += weight * fragment.depth_m;
+                normal += placed.camera_from_body * fragment.normal * weight;
+                for (plane, cosine) in [(7, fragment.elevation), (8, fragment.mu), (9, fragment.cos_phase)] {
+                    planes[plane] += weight * cosine.clamp(-1.0, 1.0).acos();
+                }
+            }
+            planes[2] = hits / count as f32;
+            let hits = hits.max(1.0);
+            planes[3] /= hits;
+            let normal = normal / normal.length().max(1e-20);
+            planes[4..7].copy_from_slice(&normal.to_array());
+            for plane in 7..10 {
+                planes[plane] = (planes[plane] / hits).to_degrees();
+            }
+            planes[10] = shadow / hits;
+        }
+        planes
+    }
+}

@@ -1,0 +1,279 @@
+//! What is seen of a triangle within a pixel, and how it is lit (shaders/shared/surface.wgsl has the same for a sample).
+
+use glam::{Vec2, Vec3};
+use retina_radiometry::Geometry;
+
+use super::frame::{Placed, Prepared};
+use super::texture::{Footprint, Taps};
+use super::visibility::Setup;
+use crate::arrays::{FLAT, NONE, PATCH, TWO_SIDED};
+
+/// How the Sun lights a fragment.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Light {
+    /// Nothing can stand before the Sun.
+    Free,
+    /// It faces away from the Sun.
+    Away,
+    /// The body's own relief may stand before the Sun, or another body, or both; the Sun may be rising.
+    Doubt { own_relief: bool },
+}
+
+/// The law at one phase angle.
+#[derive(Clone, Copy)]
+enum Law {
+    /// a mu0 + b mu0 / (mu0 + mu).
+    Mixture([f32; 2]),
+    /// Any other.
+    Whole(f64),
+}
+
+/// What a triangle's fragments have in common.
+#[derive(Clone, Copy)]
+pub(crate) struct Facet {
+    pub body: u32,
+    origin: Vec3,
+    ab: Vec3,
+    ac: Vec3,
+    /// Unit; of a surface with two sides the one that is seen.
+    geometric: Vec3,
+    /// At the first corner, and what it grows by to the others. Of a flat surface the triangle's own.
+    normal: Vec3,
+    normal_ab: Vec3,
+    normal_ac: Vec3,
+    /// A move m in the plane changes the weights of b and c by m . to_b and m . to_c.
+    to_b: Vec3,
+    to_c: Vec3,
+    uv: Vec2,
+    uv_ab: Vec2,
+    uv_ac: Vec2,
+    /// Sine of the Sun's elevation above which the body's own relief cannot hide it.
+    horizon: f32,
+    albedo_map: u32,
+    slope_map: u32,
+    albedo_factor: f32,
+}
+
+impl Facet {
+    pub(crate) fn new(frame: &Prepared<'_>, triangle: u32) -> Self {
+        let arrays = frame.arrays;
+        let [a, b, c, surface] = arrays.triangles[triangle as usize];
+        let surface = &arrays.surfaces[surface as usize];
+        let [a, b, c] = [a, b, c].map(|vertex| &arrays.vertices[vertex as usize]);
+        let [origin, at_b, at_c] = [a, b, c].map(|vertex| Vec3::from_array(vertex.position));
+        let (ab, ac) = (at_b - origin, at_c - origin);
+        let area_vector = ab.cross(ac);
+        let area = area_vector.length().max(f32::MIN_POSITIVE);
+        let mut geometric = area_vector / area;
+        let (to_b, to_c) = (ac.cross(geometric) / area, geometric.cross(ab) / area);
+        let mut normals = [a, b, c].map(|vertex| Vec3::from_array(vertex.normal));
+        if surface.flags & FLAT != 0 {
+            normals = [geometric; 3];
+        }
+        if surface.flags & TWO_SIDED != 0 && !frame.faces_camera(triangle) {
+            geometric = -geometric;
+            normals = normals.map(|normal| -normal);
+        }
+        let uv = Vec2::new(a.u, a.v);
+        Self {
+            body: surface.body,
+            origin,
+            ab,
+            ac,
+            geometric,
+            normal: normals[0],
+            normal_ab: normals[1] - normals[0],
+            normal_ac: normals[2] - normals[0],
+            to_b,
+            to_c,
+            uv,
+            uv_ab: Vec2::new(b.u, b.v) - uv,
+            uv_ac: Vec2::new(c.u, c.v) - uv,
+            horizon: arrays.horizons[triangle as usize / PATCH],
+            albedo_map: surface.albedo_map,
+            slope_map: surface.slope_map,
+            albedo_factor: surface.albedo_factor,
+        }
+    }
+
+    /// The point with these weights of the corners.
+    pub(crate) fn point(&self, [_, weight_b, weight_c]: [f32; 3]) -> Vec3 {
+        self.origin + self.ab * weight_b + self.ac * weight_c
+    }
+
+    /// How texture coordinates change with a move in the plane.
+    fn uv_along(&self, moved: Vec3) -> Vec2 {
+        self.uv_ab * moved.dot(self.to_b) + self.uv_ac * moved.dot(self.to_c)
+    }
+
+    /// A normal turned by a relief's slopes: tangent along growing u, bitangent along falling v (glTF), by the
+    /// triangle's own texture coordinates.
+    fn tilted(&self, normal: Vec3, tilt: Vec2) -> Vec3 {
+        let turn_sign = self.uv_ab.perp_dot(self.uv_ac).signum();
+        let along_u = (self.ab * self.uv_ac.y - self.ac * self.uv_ab.y) * turn_sign;
+        let tangent = (along_u - normal * normal.dot(along_u)).normalize();
+        let bitangent = -normal.cross(tangent) * turn_sign;
+        (normal + tangent * tilt.x + bitangent * tilt.y).normalize()
+    }
+}
+
+/// The part of a triangle that some samples of a pixel see, shaded in the middle of them.
+#[derive(Clone, Copy)]
+pub(crate) struct Fragment {
+    /// Index of the tile's triangle.
+    pub number: u32,
+    pub body: u32,
+    pub samples: u32,
+    pub geometric: Vec3,
+    pub normal: Vec3,
+    pub sun: Vec3,
+    pub mu: f32,
+    /// Cosine of the incidence angle of the Sun's middle.
+    pub elevation: f32,
+    pub cos_phase: f32,
+    pub depth_m: f32,
+    pub light: Light,
+    /// I/F without the texture, if nothing stands before the Sun.
+    pub value: f32,
+    law: Law,
+    albedo_factor: f32,
+    texture: Option<Texture>,
+}
+
+#[derive(Clone, Copy)]
+struct Texture {
+    taps: Taps,
+    footprint: Footprint,
+    /// Texture coordinates in the middle of the fragment, and how they grow with the line of sight.
+    uv: Vec2,
+    uv_x: Vec2,
+    uv_y: Vec2,
+    middle: [f32; 2],
+}
+
+impl Fragment {
+    /// Shades a triangle at a line of sight, x and y from the tile's reference. A sample is `sample_px` wide.
+    pub(crate) fn new(
+        frame: &Prepared<'_>,
+        setup: &Setup,
+        facet: &Facet,
+        number: u32,
+        sight: [f32; 2],
+        [x, y]: [f32; 2],
+        samples: u32,
+        sample_px: f32,
+    ) -> Self {
+        let arrays = frame.arrays;
+        let body = facet.body;
+        let placed = &frame.placed[body as usize];
+        let geometric = facet.geometric;
+        let (weights, depth_m) = setup.weights_and_depth(x, y);
+        let [_, weight_b, weight_c] = weights;
+        let point = facet.point(weights);
+        let direction = placed.across * (sight[0] + x) + placed.down * (sight[1] + y) + placed.ahead;
+        let to_observer = -direction.normalize();
+        let mut normal = (facet.normal + facet.normal_ab * weight_b + facet.normal_ac * weight_c).normalize();
+        let depth_m = depth_m + frame.reference_depth_m as f32;
+        let mut texture = None;
+        if facet.albedo_map != NONE || facet.slope_map != NONE {
+            // Where the plane's point moves when the line of sight does.
+            let along = direction / direction.dot(geometric);
+            let (right, down) = (placed.across * depth_m, placed.down * depth_m);
+            let uv_x = facet.uv_along(right - along * right.dot(geometric));
+            let uv_y = facet.uv_along(down - along * down.dot(geometric));
+            let uv = facet.uv + facet.uv_ab * weight_b + facet.uv_ac * weight_c;
+            let footprint = Footprint {
+                along_x: uv_x * (sample_px * frame.inverse_focal_px[0]),
+                along_y: uv_y * (sample_px * frame.inverse_focal_px[1]),
+            };
+            if facet.slope_map != NONE {
+                let map = &arrays.maps[facet.slope_map as usize];
+                let tilt = Taps::of(map, &footprint).slope(&arrays.texels, &footprint, uv);
+                normal = facet.tilted(normal, tilt);
+            }
+            if facet.albedo_map != NONE {
+                let taps = Taps::of(&arrays.maps[facet.albedo_map as usize], &footprint);
+                texture = Some(Texture { taps, footprint, uv, uv_x, uv_y, middle: [x, y] });
+            }
+        }
+        // What is seen faces the observer, also where the smooth normal of a facet at the limb does not.
+        let mu = normal.dot(to_observer).max(1e-3);
+        let sun = (placed.sun_direction - point * placed.inverse_sun_distance).normalize();
+        let elevation = normal.dot(sun);
+        let radius = placed.sun_angular_radius;
+        let light = if elevation > -radius && geometric.dot(sun) > -radius {
+            let own_relief = elevation < facet.horizon + radius;
+            if own_relief || !placed.casters.is_empty() { Light::Doubt { own_relief } } else { Light::Free }
+        } else {
+            Light::Away
+        };
+        let cos_phase = sun.dot(to_observer);
+        let law = if light == Light::Away { Law::Mixture([0.0; 2]) } else { law_at(placed, cos_phase) };
+        let mut out = Self {
+            number,
+            body,
+            samples,
+            geometric,
+            normal,
+            sun,
+            mu,
+            elevation,
+            cos_phase,
+            depth_m,
+            light,
+            value: 0.0,
+            law,
+            albedo_factor: facet.albedo_factor,
+            texture,
+        };
+        out.value = out.radiance_factor(placed, elevation);
+        out
+    }
+
+    /// I/F without the texture under light of this incidence.
+    pub(crate) fn radiance_factor(&self, placed: &Placed<'_>, mu0: f32) -> f32 {
+        if mu0 <= 0.0 {
+            return 0.0;
+        }
+        match self.law {
+            Law::Mixture([a, b]) => a * mu0 + b * mu0 / (mu0 + self.mu),
+            Law::Whole(phase_rad) => {
+                let geometry = Geometry { mu0: f64::from(mu0), mu: f64::from(self.mu), phase_rad };
+                placed.photometry.radiance_factor(geometry) as f32
+            }
+        }
+    }
+
+    /// Relative albedo at a sample's line of sight. Within a pixel texture coordinates grow evenly.
+    pub(crate) fn albedo(&self, frame: &Prepared<'_>, [x, y]: [f32; 2]) -> f32 {
+        match &self.texture {
+            None => self.albedo_factor,
+            Some(texture) => {
+                let uv = texture.uv
+                    + texture.uv_x * (x - texture.middle[0])
+                    + texture.uv_y * (y - texture.middle[1]);
+                self.albedo_factor * texture.taps.albedo(&frame.arrays.texels, &texture.footprint, uv)
+            }
+        }
+    }
+
+    /// Axes across the Sun's direction, as long as its disc's radius: along the horizon, and away from the surface.
+    pub(crate) fn sun_axes(&self, placed: &Placed<'_>) -> [Vec3; 2] {
+        let across = self.sun.any_orthonormal_vector();
+        let up = (self.normal - self.sun * self.elevation + 1e-6 * across).normalize();
+        [self.sun.cross(up) * placed.sun_tangent_radius, up * placed.sun_tangent_radius]
+    }
+}
+
+/// The law at a phase angle, with the phase function and the factor in it.
+fn law_at(placed: &Placed<'_>, cos_phase: f32) -> Law {
+    let phase_rad = f64::from(cos_phase.clamp(-1.0, 1.0)).acos();
+    let photometry = placed.photometry;
+    match photometry.law.lambert_and_seeliger(phase_rad) {
+        Some(shares) => {
+            let factor = photometry.factor * photometry.phase_function.value(phase_rad);
+            Law::Mixture(shares.map(|share| (share * factor) as f32))
+        }
+        None => Law::Whole(phase_rad),
+    }
+}
