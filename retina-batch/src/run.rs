@@ -236,7 +236,7 @@ impl Batch {
         let (mut source, fallback) =
             FrameSource::open(self.options.backend, models, self.quality(), &self.plan)?;
         if let Some(reason) = fallback {
-            observer.note(&format!("rendering on the CPU: {reason}"));
+            observer.note(&format!("rendering on the processor's cores: {reason}"));
         }
         let folder = Folder::at(&self.options.dir);
         if let Some(found) = &found {

@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 
 use retina_render::{
-    BodyModel, CpuRenderer, FRAMES_IN_FLIGHT, FrameState, GpuDevice, GpuRenderer, GpuWarp, Quality,
-    RadianceImage, RenderError,
+    BodyModel, CpuRenderer, FRAMES_IN_FLIGHT, FrameState, GpuDevice, GpuRenderer, GpuWarp, NativeRenderer,
+    Quality, RadianceImage, RenderError,
 };
 use retina_scene::SceneFrame;
 
@@ -13,42 +13,46 @@ use crate::{ImagePlan, Resampler};
 /// Which renderer is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum BackendChoice {
-    /// The GPU's, or the CPU's where there is no adapter.
+    /// The GPU's where there is a real one, else the native one.
     #[default]
     Auto,
-    /// The GPU's or none.
+    /// The GPU's, by any adapter, or none.
     Gpu,
-    /// The CPU's.
+    /// The native one, on the processor's cores.
+    Native,
+    /// The f64 reference.
     Cpu,
 }
 
 /// What renders.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AdapterName {
-    /// `gpu` or `cpu`.
+    /// `gpu`, `native` or `cpu`.
     pub backend: &'static str,
-    /// The adapter; `cpu` for the CPU renderer.
+    /// The adapter; the backend's name where there is none.
     pub adapter: String,
-    /// Its driver and version; the program's version for the CPU renderer.
+    /// Its driver and version; the program's version where there is none.
     pub driver: String,
 }
 
 impl AdapterName {
-    fn cpu() -> Self {
-        Self {
-            backend: "cpu",
-            adapter: "cpu".into(),
-            driver: format!("retina {}", env!("CARGO_PKG_VERSION")),
-        }
+    /// Of a renderer of our own.
+    fn own(backend: &'static str) -> Self {
+        Self { backend, adapter: backend.into(), driver: format!("retina {}", env!("CARGO_PKG_VERSION")) }
     }
 
-    /// The renderer that a choice would take, and, where that is not the one hoped for, why.
+    /// The renderer that a choice would take, and, where it was left open and there is no real GPU, why.
     ///
     /// # Errors
     /// The GPU is asked for and there is no adapter.
     pub fn of_choice(choice: BackendChoice) -> Result<(Self, Option<RenderError>), RenderError> {
-        let (device, fallback) = open(choice)?;
-        Ok((device.map_or_else(Self::cpu, |device| Self::of_device(&device)), fallback))
+        let (opened, fallback) = open(choice)?;
+        let name = match &opened {
+            Opened::Gpu(device) => Self::of_device(device),
+            Opened::Native => Self::own("native"),
+            Opened::Cpu => Self::own("cpu"),
+        };
+        Ok((name, fallback))
     }
 
     fn of_device(device: &GpuDevice) -> Self {
@@ -56,22 +60,31 @@ impl AdapterName {
     }
 }
 
-fn open(choice: BackendChoice) -> Result<(Option<GpuDevice>, Option<RenderError>), RenderError> {
-    match choice {
-        BackendChoice::Cpu => Ok((None, None)),
-        BackendChoice::Gpu => Ok((Some(GpuDevice::open()?), None)),
-        BackendChoice::Auto => match GpuDevice::open() {
-            Ok(device) => Ok((Some(device), None)),
-            Err(error) => Ok((None, Some(error))),
+/// What a choice comes to.
+#[allow(clippy::large_enum_variant, reason = "one value in a program")]
+enum Opened {
+    Gpu(GpuDevice),
+    Native,
+    Cpu,
+}
+
+fn open(choice: BackendChoice) -> Result<(Opened, Option<RenderError>), RenderError> {
+    Ok(match choice {
+        BackendChoice::Cpu => (Opened::Cpu, None),
+        BackendChoice::Native => (Opened::Native, None),
+        BackendChoice::Gpu => (Opened::Gpu(GpuDevice::open()?), None),
+        BackendChoice::Auto => match GpuDevice::open_hardware() {
+            Ok(device) => (Opened::Gpu(device), None),
+            Err(error) => (Opened::Native, Some(error)),
         },
-    }
+    })
 }
 
 /// A renderer of a scene's frames by a plan.
 pub(crate) struct FrameSource {
     renderer: Renderer,
     plan: ImagePlan,
-    /// The resampling that is left to do on the CPU.
+    /// The resampling that the renderer leaves to be done.
     pub(crate) resampler: Option<Resampler>,
     pub(crate) name: AdapterName,
 }
@@ -79,6 +92,7 @@ pub(crate) struct FrameSource {
 #[allow(clippy::large_enum_variant, reason = "one value in a program")]
 enum Renderer {
     Gpu(GpuRenderer),
+    Native(NativeRenderer, VecDeque<FrameState>),
     Cpu(CpuRenderer, VecDeque<FrameState>),
     /// A scene without bodies: nothing is resolved, so frames are dark but for their point sources.
     Dark(usize),
@@ -93,15 +107,20 @@ impl FrameSource {
         plan: &ImagePlan,
     ) -> Result<(Self, Option<RenderError>), RenderError> {
         if models.is_empty() {
-            let name = AdapterName { adapter: "none".into(), ..AdapterName::cpu() };
+            let name = AdapterName { adapter: "none".into(), ..AdapterName::own("native") };
             let source = Self { renderer: Renderer::Dark(0), plan: plan.clone(), resampler: None, name };
             return Ok((source, None));
         }
-        let (device, mut fallback) = open(choice)?;
-        let models = match device {
-            None => models,
-            Some(device) => {
-                // The scene may not fit the adapter: then the CPU still needs the bodies.
+        let (opened, mut fallback) = open(choice)?;
+        let mut backend = "native";
+        let models = match opened {
+            Opened::Native => models,
+            Opened::Cpu => {
+                backend = "cpu";
+                models
+            }
+            Opened::Gpu(device) => {
+                // The scene may not fit the adapter: then the native renderer still needs the bodies.
                 let kept = (choice == BackendChoice::Auto).then(|| models.clone());
                 match Self::on_gpu(device, models, quality, plan) {
                     Ok(source) => return Ok((source, None)),
@@ -115,10 +134,14 @@ impl FrameSource {
                 }
             }
         };
-        let cpu = CpuRenderer::new(models, quality.into(), plan.planes);
+        let waiting = VecDeque::new();
+        let renderer = if backend == "cpu" {
+            Renderer::Cpu(CpuRenderer::new(models, quality.into(), plan.planes), waiting)
+        } else {
+            Renderer::Native(NativeRenderer::new(&models, quality, plan.planes), waiting)
+        };
         let resampler = plan.resampling.clone().map(|(map, canvas)| Resampler::new(map, canvas));
-        let renderer = Renderer::Cpu(cpu, VecDeque::new());
-        Ok((Self { renderer, plan: plan.clone(), resampler, name: AdapterName::cpu() }, fallback))
+        Ok((Self { renderer, plan: plan.clone(), resampler, name: AdapterName::own(backend) }, fallback))
     }
 
     fn on_gpu(
@@ -147,7 +170,7 @@ impl FrameSource {
     pub(crate) fn capacity(&self) -> usize {
         match &self.renderer {
             Renderer::Gpu(_) => FRAMES_IN_FLIGHT,
-            Renderer::Cpu(..) | Renderer::Dark(_) => 1,
+            Renderer::Native(..) | Renderer::Cpu(..) | Renderer::Dark(_) => 1,
         }
     }
 
@@ -155,7 +178,7 @@ impl FrameSource {
     pub(crate) fn in_flight(&self) -> usize {
         match &self.renderer {
             Renderer::Gpu(gpu) => gpu.in_flight(),
-            Renderer::Cpu(_, waiting) => waiting.len(),
+            Renderer::Native(_, waiting) | Renderer::Cpu(_, waiting) => waiting.len(),
             Renderer::Dark(waiting) => *waiting,
         }
     }
@@ -165,7 +188,7 @@ impl FrameSource {
         let state = frame.state(self.plan.image, self.plan.distortion.clone());
         match &mut self.renderer {
             Renderer::Gpu(gpu) => gpu.start(&state)?,
-            Renderer::Cpu(_, waiting) => waiting.push_back(state),
+            Renderer::Native(_, waiting) | Renderer::Cpu(_, waiting) => waiting.push_back(state),
             Renderer::Dark(waiting) => *waiting += 1,
         }
         Ok(())
@@ -175,6 +198,7 @@ impl FrameSource {
     pub(crate) fn finish(&mut self) -> Result<Option<RadianceImage>, RenderError> {
         match &mut self.renderer {
             Renderer::Gpu(gpu) => gpu.finish(),
+            Renderer::Native(native, waiting) => Ok(waiting.pop_front().map(|state| native.render(&state))),
             Renderer::Cpu(cpu, waiting) => Ok(waiting.pop_front().map(|state| cpu.render(&state))),
             Renderer::Dark(waiting) => {
                 let image = (*waiting > 0).then(|| self.plan.dark());

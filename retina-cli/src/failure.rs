@@ -88,7 +88,7 @@ impl From<BenchError> for Failure {
 impl From<RenderError> for Failure {
     fn from(error: RenderError) -> Self {
         let help = matches!(error, RenderError::NoAdapter(_) | RenderError::TooLarge { .. })
-            .then(|| "--backend cpu renders without a graphics adapter".to_owned());
+            .then(|| "--backend native renders without a graphics adapter".to_owned());
         Self { help, ..Self::new(error.to_string()) }
     }
 }

@@ -55,8 +55,12 @@ fn the_adapter_is_named() {
     let mut command = common::retina();
     let found = json(&command.args(["adapter", "--json", "--backend", "cpu"]).output().unwrap());
     assert_eq!((found["backend"].as_str(), found["adapter"].as_str()), (Some("cpu"), Some("cpu")));
+    // Left open, it is a real GPU or the native renderer, never a driver on the processor.
+    let found = json(&common::retina().args(["adapter", "--json"]).output().unwrap());
+    assert!(["gpu", "native"].contains(&found["backend"].as_str().unwrap()), "{found}");
+    assert!(!found["adapter"].as_str().unwrap().contains("llvmpipe"), "{found}");
     if adapter() {
-        let found = json(&common::retina().args(["adapter", "--json"]).output().unwrap());
+        let found = json(&common::retina().args(["adapter", "--json", "--backend", "gpu"]).output().unwrap());
         assert_eq!(found["backend"], "gpu");
     }
 }

@@ -26,6 +26,14 @@ impl GpuDevice {
         Err(RenderError::NoAdapter("this build of retina-render has no feature `gpu`".into()))
     }
 
+    /// Finds no adapter.
+    ///
+    /// # Errors
+    /// Always: the build has no GPU renderer.
+    pub fn open_hardware() -> Result<Self, RenderError> {
+        Self::open()
+    }
+
     /// `None`: tests that need an adapter are skipped in this build.
     pub fn open_for_test() -> Option<Self> {
         None

@@ -32,7 +32,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     print_lines(&[format!("{}: {} ({})", name.backend, name.adapter, name.driver)])?;
     if let Some(reason) = reason {
-        tell!("rendering would use the CPU: {reason}");
+        tell!("rendering would use the processor: {reason}");
     }
     Ok(())
 }

@@ -27,12 +27,14 @@ use retina_render::Quality;
 /// `--backend`.
 #[derive(Clone, Copy, Default, clap::ValueEnum)]
 pub(crate) enum Backend {
-    /// The GPU if there is an adapter, otherwise the CPU.
+    /// A real GPU if there is one, otherwise the native renderer.
     #[default]
     Auto,
-    /// The GPU.
+    /// The GPU, or a driver that acts as one.
     Gpu,
-    /// The CPU.
+    /// The processor's cores, with its vector instructions.
+    Native,
+    /// The f64 reference that the others are held against; slow.
     Cpu,
 }
 
@@ -59,6 +61,7 @@ impl From<Backend> for BackendChoice {
         match backend {
             Backend::Auto => Self::Auto,
             Backend::Gpu => Self::Gpu,
+            Backend::Native => Self::Native,
             Backend::Cpu => Self::Cpu,
         }
     }

@@ -78,7 +78,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let quality = arguments.rendering.quality().unwrap_or(scene.quality);
     let (live, fallback) = LiveRenderer::open(&scene, arguments.rendering.backend.into(), quality)?;
     if let Some(reason) = fallback {
-        tell!("rendering on the CPU: {reason}");
+        tell!("rendering on the processor's cores: {reason}");
     }
     let address = |found: std::io::Result<std::net::SocketAddr>| {
         found.map_err(|error| Failure::new(format!("a socket has no address: {error}")))

@@ -22,24 +22,45 @@ fn is_demanded(ci: &str) -> bool {
     !["", "0", "false"].contains(&ci.trim().to_ascii_lowercase().as_str())
 }
 
+/// The first adapter; a real GPU is preferred to a software one.
+fn first_adapter() -> Result<wgpu::Adapter, RenderError> {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+        backends: wgpu::Backends::PRIMARY,
+        // The arguments of indirect dispatches are bounded in shaders/refine_plan.wgsl; wgpu's own
+        // check of each one took most of a small frame's time on lavapipe, and its memory.
+        flags: wgpu::InstanceFlags::empty(),
+        ..wgpu::InstanceDescriptor::new_without_display_handle()
+    });
+    pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
+        power_preference: wgpu::PowerPreference::HighPerformance,
+        ..Default::default()
+    }))
+    .map_err(|error| RenderError::NoAdapter(error.to_string()))
+}
+
 impl GpuDevice {
     /// Opens the first suitable adapter; a real GPU is preferred to a software one.
     ///
     /// # Errors
     /// There is none, or it lacks what the shaders need.
     pub fn open() -> Result<Self, RenderError> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
-            backends: wgpu::Backends::PRIMARY,
-            // The arguments of indirect dispatches are bounded in shaders/refine_plan.wgsl; wgpu's own
-            // check of each one took most of a small frame's time on lavapipe, and its memory.
-            flags: wgpu::InstanceFlags::empty(),
-            ..wgpu::InstanceDescriptor::new_without_display_handle()
-        });
-        let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
-            power_preference: wgpu::PowerPreference::HighPerformance,
-            ..Default::default()
-        }))
-        .map_err(|error| RenderError::NoAdapter(error.to_string()))?;
+        Self::of_adapter(&first_adapter()?)
+    }
+
+    /// Opens a real GPU. [`crate::NativeRenderer`] is quicker than an adapter that is a program on the processor.
+    ///
+    /// # Errors
+    /// There is none, or it lacks what the shaders need.
+    pub fn open_hardware() -> Result<Self, RenderError> {
+        let adapter = first_adapter()?;
+        let info = adapter.get_info();
+        if info.device_type == wgpu::DeviceType::Cpu {
+            return Err(RenderError::NoAdapter(format!("{} is a program on the processor", info.name)));
+        }
+        Self::of_adapter(&adapter)
+    }
+
+    fn of_adapter(adapter: &wgpu::Adapter) -> Result<Self, RenderError> {
         let info = adapter.get_info();
         let allowed = adapter.limits();
         if !adapter.features().contains(wgpu::Features::PRIMITIVE_INDEX) {
