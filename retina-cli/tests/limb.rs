@@ -149,7 +149,12 @@ fn a_refusal_says_what_was_seen_and_what_to_try() {
     for (phase_deg, light, reason, words) in [
         (0.0, 0.0, "no_body", ["Nothing that is lit", "longer focal length"]),
         (165.0, 20_000.0, "thin_crescent", ["lit area up to", "smaller phase angle"]),
-        (20.0, 1e6, "saturated", ["% of it saturated, with a border like a circle of", "Expose for a shorter time"]),
+        (
+            20.0,
+            1e6,
+            "saturated",
+            ["% of it saturated, with a border like a circle of", "Expose for a shorter time"],
+        ),
     ] {
         let photo = photograph(&folder, phase_deg, light);
         let found = document(&photo, &[]);

@@ -265,7 +265,13 @@ impl Arguments {
         )?;
         let mask = self.mask.as_ref().map(|path| read_mask(path, size)).transpose()?;
         let square = self.pixel_aspect.is_some() || matches!(optics, Optics::Setup(..));
-        let context = ImageContext { mask, find_pixel_aspect: !square, ..context.clone() };
+        let context = ImageContext {
+            mask,
+            find_pixel_aspect: !square,
+            field_given: self.fov_deg.is_some(),
+            aspect_given: self.pixel_aspect.is_some(),
+            ..context.clone()
+        };
         let image = &photograph.image;
         if let Optics::Setup(setup, _) = optics {
             let (found, expected) =
@@ -322,7 +328,7 @@ impl Arguments {
             let bytes = png(&svg, 1.0).map_err(|error| Failure::new(error.to_string()))?;
             store(path, &bytes)?;
         }
-        if let Some(path) = &self.csv {
+        if let (Some(path), Ok(_)) = (&self.csv, &result.solution) {
             store(path, matches_csv(result).as_bytes())?;
         }
         if let (Some(path), Some(bytes)) = (&self.wcs, wcs_header(result)) {
