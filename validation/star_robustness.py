@@ -22,6 +22,8 @@ import numpy as np
 import tifffile
 from PIL import Image
 
+from sky_angles import apart_arcsec
+
 ROOT = Path(__file__).resolve().parent.parent
 RETINA = Path(os.environ.get("CARGO_TARGET_DIR") or ROOT / "target") / "release/retina"
 FULL_SCALE_DN = 65535.0
@@ -205,14 +207,6 @@ def answers(retina, paths, fov_deg):
     if not done.stdout:
         sys.exit(f"error: {retina} gave no answer:\n{done.stderr}")
     return json.loads(done.stdout)["images"]
-
-
-def apart_arcsec(one, other):
-    def unit(answer):
-        ra, dec = np.radians([answer["ra_deg"], answer["dec_deg"]])
-        return np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
-    a, b = unit(one), unit(other)
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)) * 3600)
 
 
 def main():

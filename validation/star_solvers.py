@@ -27,6 +27,8 @@ from pathlib import Path
 
 import numpy as np
 
+from sky_angles import apart_arcsec
+
 ROOT = Path(__file__).resolve().parent.parent
 RETINA = Path(os.environ.get("CARGO_TARGET_DIR") or ROOT / "target") / "release/retina"
 SUFFIXES = {".png", ".tif", ".tiff", ".jpg", ".jpeg"}
@@ -99,14 +101,6 @@ def by_cedar(paths, _):
                         "matches": result["Matches"], "rms_arcsec": result["RMSE"]}
                        if result["RA"] is not None else {"solved": False, "ms": ms})
     return answers
-
-
-def apart_arcsec(one, other):
-    def unit(answer):
-        ra, dec = np.radians([answer["ra_deg"], answer["dec_deg"]])
-        return np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
-    a, b = unit(one), unit(other)
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)) * 3600)
 
 
 def main():

@@ -72,6 +72,12 @@ fn an_image_is_solved_and_an_empty_one_refused() {
     assert!(first["matches"].as_u64().unwrap() > 30 && first["rms_arcsec"].as_f64().unwrap() < 12.0);
     assert!(first["solve_ms"].is_number() && first["planets"].is_array() && first["file"] == orion);
     assert_eq!((&second["solved"], &second["reason"]), (&Value::from(false), &Value::from("too_few_points")));
+    // A refused image writes over no table of stars, and what was given is told to be in doubt.
+    let csv = folder.path().join("stars.csv");
+    std::fs::write(&csv, "kept").unwrap();
+    let out = retina(&["navigate", "stars", empty, "--fov-deg", "14", "--csv", csv.to_str().unwrap()]);
+    assert_eq!((out.status.code(), std::fs::read_to_string(&csv).unwrap()), (Some(0), "kept".to_owned()));
+    assert!(text(&out.stdout).contains("try without the field of view"), "{}", text(&out.stdout));
     // Asked for all, one refused image is exit code 1, and so are residuals beyond the limit.
     assert_eq!(retina(&["navigate", "stars", empty, "--fov-deg", "14", "--all"]).status.code(), Some(1));
     let strict = retina(&["navigate", "stars", orion, "--fov-deg", "14", "--rms-arcsec", "0.001"]);

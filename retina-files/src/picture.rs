@@ -57,8 +57,9 @@ pub fn decode_image(
     }
     let mut reader = reader();
     let mut limits = Limits::default();
-    // 8 bytes a pixel (16-bit RGBA), and as much again for a decoder's own buffers.
-    limits.max_alloc = Some(pixels * 16 + (1 << 20));
+    // 16 bytes a pixel (floating-point RGBA) for the picture, for the decoder's copy of it, and for a strip that holds all
+    // of it.
+    limits.max_alloc = Some(pixels * 48 + (1 << 20));
     reader.limits(limits);
     reader.decode().map_err(broken)
 }
@@ -98,6 +99,38 @@ mod tests {
         }
         let said = read(&bytes).unwrap_err().to_string();
         assert!(said.contains("65535 x 65535 pixels"), "{said}");
+    }
+
+    /// A TIFF of 16-bit RGB samples in one strip, as `dcraw -4 -T` writes it.
+    #[test]
+    fn a_picture_in_one_strip_is_decoded() {
+        let [width, height] = [1200u32, 800];
+        let data: Vec<u8> = (0..width * height * 3).flat_map(|k| (k as u16).to_le_bytes()).collect();
+        // Tag, kind (3: 16 bits, 4: 32 bits), count, value; the three bits per sample stand after the directory.
+        let entries: [[u32; 4]; 9] = [
+            [256, 4, 1, width],
+            [257, 4, 1, height],
+            [258, 3, 3, 122],
+            [259, 3, 1, 1],
+            [262, 3, 1, 2],
+            [273, 4, 1, 128],
+            [277, 3, 1, 3],
+            [278, 4, 1, height],
+            [279, 4, 1, data.len() as u32],
+        ];
+        let mut bytes = b"II*\0\x08\0\0\0\x09\0".to_vec();
+        for [tag, kind, count, value] in entries {
+            bytes.extend([tag as u16, kind as u16].map(u16::to_le_bytes).concat());
+            bytes.extend([count, value].map(u32::to_le_bytes).concat());
+        }
+        bytes.extend([0u8; 4]);
+        bytes.extend([16u16, 16, 16].map(u16::to_le_bytes).concat());
+        assert_eq!(bytes.len(), 128);
+        bytes.extend(&data);
+        let picture =
+            decode_image(Path::new("a.tif"), "image", &bytes, &[ImageFormat::Tiff], MOST_IMAGE_PIXELS)
+                .unwrap();
+        assert_eq!(picture.into_rgb16().get_pixel(7, 0).0, [21, 22, 23]);
     }
 
     /// The checksum of a PNG's chunks (ISO 3309).

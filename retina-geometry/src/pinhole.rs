@@ -20,6 +20,18 @@ pub struct Pinhole {
 }
 
 impl Pinhole {
+    /// Square pixels, the optical centre in the middle of the image.
+    pub fn centred(focal_px: f64, [width_px, height_px]: [u32; 2]) -> Self {
+        Self {
+            fx_px: focal_px,
+            fy_px: focal_px,
+            cx_px: f64::from(width_px) / 2.0,
+            cy_px: f64::from(height_px) / 2.0,
+            width_px,
+            height_px,
+        }
+    }
+
     /// The line of sight (x, y) of a pixel position: K^-1 R (eq. 14).
     pub fn line_of_sight(&self, pixel: DVec2) -> DVec2 {
         DVec2::new((pixel.x - self.cx_px) / self.fx_px, (pixel.y - self.cy_px) / self.fy_px)

@@ -20,8 +20,8 @@ pub struct ReadOptions {
 }
 
 impl CameraImage {
-    /// Reads a grey PNG (8, 16 bits), TIFF (8, 16 bits, f32) or FITS image (any BITPIX, BZERO and BSCALE applied, first
-    /// row of the file at the top) of digital numbers that are linear in light. [`Photograph`](crate::Photograph) takes
+    /// Reads a grey PNG (8, 16 bits), TIFF (8, 16 bits) or FITS image (any BITPIX, BZERO and BSCALE applied, first row
+    /// of the file at the top) of digital numbers that are linear in light. Grey TIFF of floating-point numbers is refused. [`Photograph`](crate::Photograph) takes
     /// JPEG and colour.
     ///
     /// # Errors

@@ -193,7 +193,7 @@ fn what_cannot_be_built_is_refused() {
 }
 
 #[test]
-fn the_projects_moon_agrees_with_an_independent_mesh() {
+fn the_projects_moon_has_the_maps_heights_and_an_independent_meshs_tones() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let ours = root.join("../assets/bodies/moon.glb");
     let theirs = root.join("../../shared/data/bodies/moon.glb");
@@ -207,7 +207,16 @@ fn the_projects_moon_agrees_with_an_independent_mesh() {
     eprintln!("loaded in {:.2} s", start.elapsed().as_secs_f64());
     let theirs = retina_model::load_body(&theirs).unwrap();
     assert!(ours.is_closed());
-    assert!((ours.volume_equivalent_radius_m() - theirs.volume_equivalent_radius_m()).abs() < 30.0);
+    // The map that its relief comes from: heights above 1737.4 km are samples less 10 000 m, longitude 0 at the left.
+    let map = root.join("../../shared/data/bodies/moon_dem_16ppd.png");
+    let map = image::open(map).unwrap().into_luma16();
+    let height_m = |longitude_deg: f64, latitude_deg: f64| {
+        let x = longitude_deg.rem_euclid(360.0) / 360.0 * f64::from(map.width());
+        let y = (90.0 - latitude_deg) / 180.0 * f64::from(map.height());
+        f64::from(map.get_pixel(x as u32, y as u32).0[0]) - 10_000.0
+    };
+    let highest = look(&ours, direction(201.34, 5.34)).0 - RADIUS_M;
+    assert!((9200.0..10_800.0).contains(&highest), "the highest point is 10 714 m: {highest}");
     // Maria and highlands: heights where the land is smooth, and the tone of the ground.
     for (name, longitude, latitude) in [
         ("Mare Serenitatis", 18.0, 27.0),
@@ -227,15 +236,38 @@ fn the_projects_moon_agrees_with_an_independent_mesh() {
             let sum = rays.map(|ray| look(body, ray)).fold((0.0, 0.0), |s, v| (s.0 + v.0, s.1 + v.1));
             (sum.0 / 25.0, sum.1 / 25.0)
         };
-        let ((r1, a1), (r2, a2)) = (mean(&ours), mean(&theirs));
-        eprintln!(
-            "{name}: radius {:+.0} and {:+.0} m, albedo {a1:.3} and {a2:.3}",
-            r1 - RADIUS_M,
-            r2 - RADIUS_M
-        );
-        if name.starts_with("Mare") || name.starts_with("Oceanus") {
-            assert!((r1 - r2).abs() < 30.0, "{name}: {r1} and {r2}");
-        }
+        let ((r1, a1), (_, a2)) = (mean(&ours), mean(&theirs));
+        let offset = |k: i32| 0.5 * f64::from(k - 2);
+        let heights = (0..25).map(|k| height_m(longitude + offset(k % 5), latitude + offset(k / 5)));
+        let expected = RADIUS_M + heights.sum::<f64>() / 25.0;
+        eprintln!("{name}: {:+.0} m, by the map {:+.0} m", r1 - RADIUS_M, expected - RADIUS_M);
+        // Single samples against means over cells of 11 km.
+        let rough = if name.starts_with("Mare") || name.starts_with("Oceanus") { 60.0 } else { 300.0 };
+        assert!((r1 - expected).abs() < rough, "{name}: {r1} and {expected}");
         assert!((a1 / a2 - 1.0).abs() < 0.03, "{name}: {a1} and {a2}");
     }
+}
+
+#[test]
+fn a_meshs_ellipsoid_is_the_one_that_it_was_made_from() {
+    use glam::{DMat3, DQuat, DVec3, EulerRot};
+    let path = Path::new("rock");
+    let (_, mut body) = build(&sphere(64));
+    let turn = DMat3::from_quat(DQuat::from_euler(EulerRot::XYZ, 0.3, -0.7, 1.1));
+    let center_m = DVec3::new(3e4, -2e4, 5e3);
+    for vertex in &mut body.vertices {
+        vertex.position_m = center_m + turn * (vertex.position_m * DVec3::new(0.8, 1.0, 1.3));
+    }
+    let found = body.ellipsoid(path).unwrap();
+    let expected = RADIUS_M * DVec3::new(0.8, 1.0, 1.3);
+    // Chords of 1.4 deg lie 0.5e-4 of the radius inside.
+    assert!((found.semi_axes_m / expected - 1.0).abs().max_element() < 2e-4, "{found:?}");
+    assert!((found.center_m - center_m).length() < 1.0, "{found:?}");
+    for axis in 0..3 {
+        assert!(found.body_from_axes.col(axis).dot(turn.col(axis)).abs() > 1.0 - 1e-9, "{found:?}");
+    }
+    assert!((found.body_from_axes.determinant() - 1.0).abs() < 1e-9 && found.rms_height_m < 3e-4 * RADIUS_M);
+    body.triangles.pop();
+    let error = body.ellipsoid(path).unwrap_err().to_string();
+    assert!(error.contains("open edges") && error.contains("rock"), "{error}");
 }

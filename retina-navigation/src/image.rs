@@ -26,6 +26,10 @@ pub struct ImageContext {
     pub mask: Option<Vec<bool>>,
     /// Whether pixels that are not square are tried before an image is refused.
     pub find_pixel_aspect: bool,
+    /// The field of view, and the shape of the pixels, were given by hand: a refusal says that they may be wrong.
+    pub field_given: bool,
+    /// See `field_given`.
+    pub aspect_given: bool,
 }
 
 /// What an image gave.
@@ -72,7 +76,7 @@ pub fn solve_image(
         };
         again.detect_ms += ms(start);
         let points = camera.points(&detection.points);
-        let seen = Seen::of(image, &detection, &points, &options);
+        let seen = Seen::of(image, &detection, &points, &options, context);
         let result = solved(points, seen, camera, solver, context, again.hypotheses)?;
         if let Some(result) = again.answer(result, &mut refused) {
             return Ok(result);

@@ -3,6 +3,7 @@
 use retina_image::{CameraImage, DetectOptions, Detection};
 use serde::Serialize;
 
+use crate::image::ImageContext;
 use crate::stars::{Refusal, StarPoint};
 
 /// What there was to be seen, by the first way to find points.
@@ -26,11 +27,21 @@ pub struct Seen {
     pub attempts: usize,
     /// Shapes of pixels that were tried beside the camera's.
     pub pixel_aspects: usize,
+    /// All pixels that are searched have one value.
+    pub constant: bool,
+    /// Share of the pixels that the mask leaves out.
+    pub masked_share: f64,
+    /// The field of view was given, and may be wrong.
+    pub field_given: bool,
+    /// The shape of the pixels was given, and may be wrong.
+    pub aspect_given: bool,
 }
 
 /// From these shares on something is the reason.
 const MANY_ON_EDGES: f64 = 0.5;
 const MUCH_SATURATED: f64 = 0.05;
+/// So many single pixels are a camera's defects.
+const MANY_HOT: usize = 20;
 /// So few points hardly hold a sky.
 const FEW_POINTS: usize = 8;
 /// So many are mostly no stars.
@@ -42,6 +53,7 @@ impl Seen {
         detection: &Detection,
         points: &[StarPoint],
         options: &DetectOptions,
+        context: &ImageContext,
     ) -> Self {
         let full = options.saturation_dn.unwrap_or(image.full_scale_dn);
         let saturated = image.values.iter().filter(|value| **value >= full).count();
@@ -55,6 +67,12 @@ impl Seen {
             threshold_sigma: options.threshold_sigma,
             attempts: 1,
             pixel_aspects: 0,
+            constant: is_constant(image, context.mask.as_deref()),
+            masked_share: context.mask.as_ref().map_or(0.0, |mask| {
+                mask.iter().filter(|counts| !**counts).count() as f64 / mask.len().max(1) as f64
+            }),
+            field_given: context.field_given,
+            aspect_given: context.aspect_given,
         }
     }
 
@@ -81,7 +99,27 @@ impl Seen {
         if self.pixel_aspects > 0 {
             again += &format!("; {} shapes of pixels were tried", self.pixel_aspects);
         }
-        format!("{seen}{again}. {}", self.advice(refusal))
+        if self.masked_share > 0.0 {
+            again += &format!("; the mask leaves {:.1} % of the image", 100.0 * (1.0 - self.masked_share));
+        }
+        format!("{seen}{again}. {}{}", self.advice(refusal), self.doubts(refusal))
+    }
+
+    /// What was given and may be at fault.
+    fn doubts(&self, refusal: &Refusal) -> String {
+        if self.masked_share >= 1.0
+            || self.constant
+            || matches!(refusal, Refusal::FocalLength { .. } | Refusal::Mirrored { .. })
+        {
+            return String::new();
+        }
+        let given = [
+            (self.field_given, "try without the field of view that was given (--fov-deg)"),
+            (self.aspect_given, "check the shape of the pixels that was given (--pixel-aspect)"),
+            (self.masked_share > 0.0, "check whether the mask (--mask) covers the stars"),
+        ];
+        let doubts: Vec<&str> = given.iter().filter(|(is, _)| *is).map(|(_, doubt)| *doubt).collect();
+        if doubts.is_empty() { String::new() } else { format!("; {}", doubts.join("; ")) }
     }
 
     fn advice(&self, refusal: &Refusal) -> String {
@@ -89,11 +127,20 @@ impl Seen {
         match refusal {
             Refusal::FocalLength { .. } => "Give another field of view, or none".to_owned(),
             Refusal::Mirrored { .. } => "Flip the image, or say that it is mirrored".to_owned(),
+            _ if self.masked_share >= 1.0 => {
+                "The mask leaves nothing: its pixels count where they are not 0 (--mask)".to_owned()
+            }
+            _ if self.constant => "All pixels have one value: this is no exposure of a sky, or the dark frame (--dark) is \
+                 the image itself"
+                .to_owned(),
             _ if self.saturated_share >= MUCH_SATURATED => {
                 "Expose for a shorter time, or mask what is saturated (--mask)".to_owned()
             }
             _ if self.on_edges as f64 >= MANY_ON_EDGES * self.points as f64 && self.on_edges > FEW_POINTS => {
                 "Mask the foreground (--mask)".to_owned()
+            }
+            _ if self.hot_pixels > MANY_HOT && self.hot_pixels > self.points => {
+                "Subtract a dark frame of the same exposure (--dark): most of what stands out are single pixels".to_owned()
             }
             _ if clear < FEW_POINTS => {
                 "Expose for longer, lower --threshold-sigma, or take a wider field: so few stars prove nothing"
@@ -107,5 +154,52 @@ impl Seen {
                   of its stars"
                 .to_owned(),
         }
+    }
+}
+
+/// Whether all pixels that count have one value.
+fn is_constant(image: &CameraImage, mask: Option<&[bool]>) -> bool {
+    let counts = |at: usize| mask.is_none_or(|mask| mask[at]);
+    let mut values = image.values.iter().enumerate().filter(|(at, _)| counts(*at)).map(|(_, value)| *value);
+    values.next().is_some_and(|first| values.all(|value| value == first))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(seen: Seen) -> String {
+        seen.sentence(&Refusal::TooFewPoints { found: seen.points, needed: 5 })
+    }
+
+    #[test]
+    fn advice_names_what_is_at_fault_and_not_the_exposure() {
+        let seen = Seen { points: 2, threshold_sigma: 5.0, attempts: 3, ..Seen::default() };
+        assert!(said(seen.clone()).contains("Expose for longer"));
+        for (seen, word) in [
+            (Seen { hot_pixels: 300, ..seen.clone() }, "Subtract a dark frame of the same exposure (--dark)"),
+            (Seen { masked_share: 1.0, ..seen.clone() }, "The mask leaves nothing"),
+            (Seen { constant: true, ..seen.clone() }, "All pixels have one value"),
+        ] {
+            let text = said(seen);
+            assert!(text.contains(word) && !text.contains("Expose for longer"), "{text}");
+        }
+        for (seen, word) in [
+            (Seen { field_given: true, ..seen.clone() }, "try without the field of view"),
+            (Seen { aspect_given: true, ..seen.clone() }, "(--pixel-aspect)"),
+            (Seen { masked_share: 0.25, ..seen.clone() }, "leaves 75.0 % of the image"),
+        ] {
+            assert!(said(seen.clone()).contains(word), "{}", said(seen));
+        }
+    }
+
+    #[test]
+    fn an_image_of_one_value_is_told_from_one_with_a_pixel_that_differs() {
+        let mut image = CameraImage::new(4, 3, 255.0);
+        assert!(is_constant(&image, None));
+        image.values[5] = 1.0;
+        assert!(!is_constant(&image, None));
+        let mask: Vec<bool> = (0..12).map(|at| at != 5).collect();
+        assert!(is_constant(&image, Some(&mask)) && !is_constant(&image, Some(&[false; 12])));
     }
 }

@@ -104,3 +104,45 @@ fn discs_of_an_ellipsoid_are_found_within_their_covariance() {
     };
     check(&draws(&body, 0.0), "ellipsoid", 0.02, NEES_BOUNDS);
 }
+
+/// Without the Sun's direction: phases of 0 to 15 deg, shaded or not.
+fn nearly_full(seed: u64, phase_known: bool) -> Result<Draw, Refusal> {
+    let mut random = ChaCha8Rng::seed_from_u64(7000 + seed);
+    let pinhole = camera(3000.0, SIZE);
+    let radius_px = uniform(&mut random, 45.0, 100.0);
+    let at = [uniform(&mut random, 120.0, 200.0), uniform(&mut random, 120.0, 160.0)];
+    let body = LimbBody::sphere(RADIUS_M);
+    let truth = position(&pinhole, radius_px, at);
+    let limb = limb_ellipse(&pinhole, truth, body.camera_from_body, body.semi_axes_m).unwrap();
+    let phase_rad = uniform(&mut random, 0.0, 15.0).to_radians();
+    let disc = Disc {
+        limb,
+        phase_rad,
+        sun_rad: uniform(&mut random, 0.0, std::f64::consts::TAU),
+        light_dn: 2000.0,
+        psf_px: uniform(&mut random, 0.5, 1.4),
+        shading: uniform(&mut random, 0.0, 0.5),
+    };
+    let mut image = disc.draw(SIZE);
+    add_noise(&mut image, 8.0, &mut random);
+    let options = LimbOptions { phase_rad: phase_known.then_some(phase_rad), ..LimbOptions::default() };
+    let solution = solve_limb(&image, &LimbCamera::pinhole(pinhole), &body, &options)?;
+    let error = solution.position_camera_m - truth;
+    let nees = distance_squared(solution.covariance_m2, error);
+    let (found, limb) = (solution.ellipse, disc.limb);
+    let center = found.center_px - limb.center_px;
+    Ok(Draw { error_px: center.extend(found.semi_axes_px[0] - limb.semi_axes_px[0]), nees, solution })
+}
+
+#[test]
+fn nearly_full_discs_are_found_within_their_covariance_without_the_suns_direction() {
+    for phase_known in [false, true] {
+        let all: Vec<Result<Draw, Refusal>> =
+            (0..400).into_par_iter().map(|seed| nearly_full(seed, phase_known)).collect();
+        let refused = all.iter().filter(|draw| draw.is_err()).count();
+        println!("phase known {phase_known}: {refused} refused");
+        assert!(refused <= 4, "{refused} refused");
+        let draws: Vec<Draw> = all.into_iter().flatten().collect();
+        check(&draws, "nearly full", 0.05, NEES_BOUNDS);
+    }
+}

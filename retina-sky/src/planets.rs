@@ -107,6 +107,21 @@ impl Planet {
         }
     }
 
+    /// Polar radius, metres (the same tables).
+    pub fn polar_radius_m(self) -> f64 {
+        1e3 * match self {
+            Self::Mercury => 2438.26,
+            Self::Venus => 6051.8,
+            Self::Earth => 6356.7519,
+            Self::Moon => 1737.4,
+            Self::Mars => 3376.20,
+            Self::Jupiter => 66_854.0,
+            Self::Saturn => 54_364.0,
+            Self::Uranus => 24_973.0,
+            Self::Neptune => 24_341.0,
+        }
+    }
+
     /// VSOP87A, where it is what the position comes from.
     fn theory(self) -> Option<fn(f64) -> RectangularCoordinates> {
         match self {

@@ -29,6 +29,9 @@ pub(crate) struct Arguments {
     /// East longitude of the maps' left edge, deg.
     #[arg(long, default_value_t = -180.0, allow_negative_numbers = true)]
     longitude_left_deg: f64,
+    /// The same of the relief map, where it differs from the albedo map's.
+    #[arg(long, requires = "relief", allow_negative_numbers = true, value_name = "DEG")]
+    relief_longitude_left_deg: Option<f64>,
     /// Mesh cells along each edge of a cube face, 1 to 2048.
     #[arg(long, value_name = "N", default_value_t = 256)]
     cells: u32,
@@ -65,7 +68,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
             path,
             metres_per_unit: arguments.metres_per_unit,
             offset_m: arguments.offset_m,
-            longitude_left_deg,
+            longitude_left_deg: arguments.relief_longitude_left_deg.unwrap_or(longitude_left_deg),
         }),
         albedo: arguments.albedo.map(|path| AlbedoSource { path, longitude_left_deg }),
         cells: arguments.cells,

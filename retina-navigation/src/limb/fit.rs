@@ -11,7 +11,7 @@ use super::{LimbBody, LimbCamera};
 /// Points further out than so many standard deviations are rejected.
 const REJECT_SIGMA: f64 = 3.5;
 /// Median of |x| of normal noise in standard deviations.
-const NORMAL_MEDIAN: f64 = 0.674_49;
+pub(super) const NORMAL_MEDIAN: f64 = 0.674_49;
 
 /// Relative precision of the variance beyond the points' own: far below its own uncertainty.
 const EXCESS_PRECISION: f64 = 1e-4;

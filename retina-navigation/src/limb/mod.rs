@@ -3,23 +3,30 @@
 //! 1. `coarse`: the lit blob and the circle about its outer border (RANSAC).
 //! 2. `edge`: sub-pixel edges along the outline on the lit side, by a step with PSF.
 //! 3. `blur`: the width of that PSF, by the edges themselves.
-//! 4. `fit`: position and covariance without iteration over the position (Christian and Robinson 2016).
+//! 4. `side`: which side of a nearly full disc is limb, where the Sun's direction is not known.
+//! 5. `fit`: position and covariance without iteration over the position (Christian and Robinson 2016).
 //!
-//! [`solve_limb`] runs them and judges the answer: a body, or a [`Refusal`].
+//! [`solve_limb`] runs them and judges the answer: a body, or a [`Refusal`]. [`LimbQuestion`] asks a photograph of which
+//! no attitude is known, and [`KnownBody`] says what may be in it.
 
 mod blur;
+mod body;
 mod camera;
 mod coarse;
 mod edge;
 mod fit;
+mod photograph;
+mod side;
 mod solve;
 
 use glam::{DMat3, DVec2, DVec3};
 use retina_geometry::LimbEllipse;
 use thiserror::Error;
 
+pub use body::{BodyError, KnownBody};
 pub use camera::{LimbCamera, Mapping};
-pub use solve::solve_limb;
+pub use photograph::{LimbAnswer, LimbQuestion, LimbSight};
+pub use solve::{LimbLook, first_look, solve_limb};
 
 /// The body that is looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,6 +54,11 @@ impl LimbBody {
 pub struct LimbOptions {
     /// Towards the Sun in the image, any length; found from the lit shape where absent.
     pub sun_direction_px: Option<DVec2>,
+    /// Phase angle (Sun - body - camera), rad, where it is known: it says how deep inside the limb the terminator of a
+    /// nearly full disc is.
+    pub phase_rad: Option<f64>,
+    /// What a tone curve that is not known may shift all edges by, share of the blur's standard deviation.
+    pub tone_sigma_share: f64,
     /// Mean height of the seen limb above the reference surface, m: peaks stand before valleys.
     pub limb_height_m: f64,
     /// Standard deviation of the limb's mean height and of its first-degree part over the arc, m. Terrain of shorter
@@ -62,6 +74,8 @@ impl Default for LimbOptions {
     fn default() -> Self {
         Self {
             sun_direction_px: None,
+            phase_rad: None,
+            tone_sigma_share: 0.0,
             limb_height_m: 0.0,
             limb_height_sigma_m: 0.0,
             least_radius_px: 8.0,
@@ -83,6 +97,26 @@ pub struct LimbPoint {
     pub used: bool,
 }
 
+/// Where a position's uncertainty comes from: parts of its covariance, m^2.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LimbCovariance {
+    /// The edges' noise and the terrain that shows in the residuals.
+    pub points_m2: DMat3,
+    /// The limb's mean height and first degree, which residuals do not show.
+    pub height_m2: DMat3,
+    /// The model of an edge: a PSF that is no Gaussian, saturation, a tone curve.
+    pub edge_model_m2: DMat3,
+    /// Which side of a nearly full disc is limb.
+    pub side_m2: DMat3,
+}
+
+impl LimbCovariance {
+    /// All of it.
+    pub fn sum_m2(&self) -> DMat3 {
+        self.points_m2 + self.height_m2 + self.edge_model_m2 + self.side_m2
+    }
+}
+
 /// A body's position.
 #[derive(Debug, Clone)]
 pub struct LimbSolution {
@@ -90,7 +124,12 @@ pub struct LimbSolution {
     pub position_camera_m: DVec3,
     /// Its covariance, m^2.
     pub covariance_m2: DMat3,
-    /// The part of it that is new in each image: the edges' own noise, m^2. The rest is terrain and the edge's model,
+    /// What it consists of.
+    pub parts: LimbCovariance,
+    /// Towards the Sun in the image, unit: as given, or as found from the lit shape; `None` where the whole border was
+    /// taken for limb.
+    pub sun_direction_px: Option<DVec2>,
+    /// The part of the covariance that is new in each image: the edges' own noise, m^2. The rest is terrain and the edge's model,
     /// which images of the same limb share.
     pub noise_covariance_m2: DMat3,
     /// Outline of the body at that position in the undistorted image.

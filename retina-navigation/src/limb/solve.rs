@@ -1,15 +1,17 @@
 //! From an image to a position, or a refusal.
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DMat4, DVec2, DVec3};
 use rayon::prelude::*;
 use retina_geometry::{LimbEllipse, limb_ellipse};
 use retina_image::CameraImage;
+use serde_json::{Value, json};
 
 use super::blur::blur;
 use super::coarse::{Coarse, Shape, coarse};
 use super::edge::{Edge, Node, crossing, ellipse_outline, fit_edge, image_outline, pixels};
 use super::fit::{Fit, Measured, fit};
-use super::{LimbBody, LimbCamera, LimbOptions, LimbPoint, LimbSolution, Refusal};
+use super::side::side;
+use super::{LimbBody, LimbCamera, LimbCovariance, LimbOptions, LimbPoint, LimbSolution, Refusal};
 
 /// Edges are measured about the outline, which they move: at most so many times.
 const MOST_TURNS: usize = 3;
@@ -94,6 +96,7 @@ pub fn solve_limb(
     })?;
 
     let mut blur_px = 1.0;
+    let mut open_px2 = DMat4::ZERO;
     let mut last = Measurement::default();
     let mut measured_at: Option<LimbEllipse> = None;
     for turn in 0..MOST_TURNS {
@@ -141,9 +144,11 @@ pub fn solve_limb(
                 not("its border is no limb")
             }
         })?;
-        if lit.sun.is_none()
-            && let Some(sun) = lit_side(&points, &current, camera, &body)
-        {
+        let judged = lit.sun.is_none().then(|| side(&points, &current, &outline, options.phase_rad));
+        if let Some(judged) = judged {
+            open_px2 = judged.open_px2;
+        }
+        if let Some(sun) = judged.and_then(|judged| judged.sun) {
             lit.sun = Some(sun);
             let keep: Vec<bool> =
                 last.edges.iter().map(|edge| edge.node.normal.dot(sun) > LEAST_COS_SUN).collect();
@@ -157,7 +162,59 @@ pub fn solve_limb(
             last.points = points;
         }
     }
-    judge(current, last, blur_px, &seen, &lit, camera, &body, options)
+    judge(current, last, blur_px, open_px2, &seen, &lit, camera, &body, options)
+}
+
+/// What a first look at an image sees: the lit blob and the circle about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LimbLook {
+    /// Centre of the circle, px.
+    pub center_px: DVec2,
+    /// Its radius, px; of an ellipsoid's outline the mean semi-axis.
+    pub radius_px: f64,
+    /// Greatest width of the lit area, px.
+    pub lit_width_px: f64,
+    /// Share of the lit area that is saturated.
+    pub saturated_share: f64,
+    /// The lit area reaches the frame.
+    pub touches_frame: bool,
+}
+
+impl LimbLook {
+    pub(super) fn json(&self) -> Value {
+        json!({
+            "center_px": self.center_px.to_array(), "radius_px": self.radius_px, "lit_width_px": self.lit_width_px,
+            "saturated_share": self.saturated_share, "touches_frame": self.touches_frame,
+        })
+    }
+
+    pub(super) fn sentence(&self) -> String {
+        let Self { center_px, radius_px, lit_width_px, .. } = self;
+        let frame = if self.touches_frame { ", cut by the frame" } else { "" };
+        let saturated = match 100.0 * self.saturated_share {
+            percent if percent >= 1.0 => format!(", {percent:.0} % of it saturated"),
+            _ => String::new(),
+        };
+        format!(
+            "a lit area up to {lit_width_px:.1} px wide{frame}{saturated}, with a border like a circle of {radius_px:.1} \
+             px radius about ({:.1}, {:.1}) px",
+            center_px.x, center_px.y
+        )
+    }
+}
+
+/// A first look at an image; `None` where nothing in it is lit, or what is lit has no round border.
+pub fn first_look(image: &CameraImage, camera: &LimbCamera, body: &LimbBody) -> Option<LimbLook> {
+    let seen = coarse(image, shape(camera, body))?;
+    let saturation = image.full_scale_dn * 0.995;
+    let saturated = image.values.iter().filter(|value| **value >= saturation).count();
+    Some(LimbLook {
+        center_px: seen.center_px,
+        radius_px: seen.radius_px,
+        lit_width_px: Lit::new(&seen, &LimbOptions::default()).width_px,
+        saturated_share: (saturated as f64 / seen.lit_px2).min(1.0),
+        touches_frame: seen.touches_frame,
+    })
 }
 
 /// How far one outline is from another, px, at most.
@@ -236,29 +293,6 @@ impl Lit {
     }
 }
 
-/// The side of a nearly full disc that is limb: half of the border that fits by itself far better than the whole, which
-/// has a terminator in it. Direction towards the Sun in the image; `None` where the whole border is a limb.
-fn lit_side(points: &[Measured], whole: &Fit, camera: &LimbCamera, body: &LimbBody) -> Option<DVec2> {
-    const DIRECTIONS: usize = 24;
-    let halves: Vec<(f64, f64, DVec2)> = (0..DIRECTIONS)
-        .into_par_iter()
-        .filter_map(|k| {
-            let sun = DVec2::from_angle(std::f64::consts::TAU * k as f64 / DIRECTIONS as f64);
-            let half: Vec<Measured> =
-                points.iter().copied().filter(|point| point.normal.dot(sun) > LEAST_COS_SUN).collect();
-            let fit = fit(&half, camera, body)?;
-            Some((fit.excess_sigma_px, fit.position_m.length(), sun))
-        })
-        .collect();
-    let least = halves.iter().map(|half| half.0).fold(f64::INFINITY, f64::min);
-    if least >= 0.6 * whole.excess_sigma_px {
-        return None;
-    }
-    // A terminator close to the limb looks like one, of a smaller body: the largest is the limb.
-    let good = halves.iter().filter(|half| half.0 <= 1.5 * least + 0.01);
-    good.min_by(|a, b| a.1.total_cmp(&b.1)).map(|half| half.2)
-}
-
 /// Mean share of the pixels inside the outline that are saturated.
 fn saturated_share(image: &CameraImage, nodes: &[Node], half_width_px: f64) -> f64 {
     let shares: Vec<f64> =
@@ -319,6 +353,7 @@ fn judge(
     fit: Fit,
     last: Measurement,
     blur_px: f64,
+    open_px2: DMat4,
     seen: &Coarse,
     lit: &Lit,
     camera: &LimbCamera,
@@ -346,19 +381,40 @@ fn judge(
     if fit.excess_sigma_px > MOST_EXCESS.0 + MOST_EXCESS.1 * radius {
         return Err(not("its border is rougher than a limb"));
     }
-    let correlation_factor = correlation_factor(&last.points, &fit);
+    let scaled: Vec<(usize, f64)> = (0..last.points.len())
+        .filter(|&k| fit.used[k])
+        .map(|k| {
+            let point = &last.points[k];
+            (point.index, fit.residuals_px[k] / point.sigma_px.hypot(fit.excess_sigma_px))
+        })
+        .collect();
+    let correlation_factor = correlation_factor(&scaled);
     let distance_m = fit.position_m.length();
     let along = fit.position_m / distance_m;
     let outer = DMat3::from_cols(along * along.x, along * along.y, along * along.z);
     // Both act as an error of the body's radius and, less than that over an arc, of its centre.
     let metres_per_px = body.mean_radius_m() / radius;
-    let edge_model_px = EDGE_MODEL_SIGMA_PX
+    let edge_model_px = (EDGE_MODEL_SIGMA_PX
         + WIDE_EDGE_MODEL_SHARE * (blur_px - 1.0).max(0.0)
-        + SATURATED_EDGE_MODEL_PX * last.saturated;
-    let height = options.limb_height_sigma_m.hypot(edge_model_px * metres_per_px);
-    let by_height = outer * (height * distance_m / body.mean_radius_m()).powi(2)
-        + (DMat3::IDENTITY - outer) * (height * height);
-    let covariance_m2 = fit.covariance_m2 * correlation_factor + by_height;
+        + SATURATED_EDGE_MODEL_PX * last.saturated)
+        .hypot(options.tone_sigma_share * blur_px);
+    let by_height = |height_m: f64| {
+        outer * (height_m * distance_m / body.mean_radius_m()).powi(2)
+            + (DMat3::IDENTITY - outer) * (height_m * height_m)
+    };
+    // Radius, centre x and centre y of the outline to the position.
+    let moves = DMat3::from_cols(
+        fit.position_m * (-1.0 / radius),
+        (DVec3::X - along * along.x) * metres_per_px,
+        (DVec3::Y - along * along.y) * metres_per_px,
+    );
+    let parts = LimbCovariance {
+        points_m2: fit.covariance_m2 * correlation_factor,
+        height_m2: by_height(options.limb_height_sigma_m),
+        edge_model_m2: by_height(edge_model_px * metres_per_px),
+        side_m2: moves * DMat3::from_mat4(open_px2) * moves.transpose(),
+    };
+    let covariance_m2 = parts.sum_m2();
     // Weights are 1 / (noise^2 + excess^2): what of the weighted scatter is noise.
     let weights = || {
         let used = last.points.iter().zip(&fit.used).filter(|(_, used)| **used);
@@ -389,6 +445,8 @@ fn judge(
     Ok(LimbSolution {
         position_camera_m: fit.position_m,
         covariance_m2,
+        parts,
+        sun_direction_px: lit.sun,
         noise_covariance_m2: fit.covariance_m2 * noise_share,
         ellipse,
         radius_px: [radius, sigma[0]],
@@ -402,13 +460,9 @@ fn judge(
     })
 }
 
-/// 1 + 2 sum of the residuals' autocorrelation along the outline, up to where it sinks into its noise: by so much the
+/// 1 + 2 sum of the autocorrelation of residuals (place on the outline, residual) along the outline, up to where it sinks into its noise: by so much the
 /// variance of a mean of correlated values is greater. At least 1.
-fn correlation_factor(points: &[Measured], fit: &Fit) -> f64 {
-    let scaled: Vec<(usize, f64)> = (0..points.len())
-        .filter(|&k| fit.used[k])
-        .map(|k| (points[k].index, fit.residuals_px[k] / points[k].sigma_px.hypot(fit.excess_sigma_px)))
-        .collect();
+pub(super) fn correlation_factor(scaled: &[(usize, f64)]) -> f64 {
     let power = scaled.iter().map(|(_, r)| r * r).sum::<f64>() / scaled.len().max(1) as f64;
     let noise = 1.5 / (scaled.len() as f64).sqrt();
     let mut factor = 1.0;

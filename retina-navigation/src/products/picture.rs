@@ -20,6 +20,8 @@ const NAMED: usize = 25;
 /// Steps of the grid, deg: the first that gives few enough lines.
 const STEPS_DEG: [f64; 9] = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0];
 const MOST_LINES: f64 = 7.0;
+/// The grid ends this many times half of the diagonal field from the boresight.
+const GRID_REACH: f64 = 1.05;
 
 /// The image as a negative, with matched stars circled and named, planets, and a grid of right ascension and declination;
 /// `title` stands above it.
@@ -95,6 +97,9 @@ fn grid(panel: &mut Panel, result: &ImageResult, size: DVec2) {
     };
     let Ok(solution) = &result.solution else { return };
     let [_, dec, _] = solution.ra_dec_roll_rad();
+    // A fitted distortion is that of the field: far beyond, it folds back into the image.
+    let least_cosine = (GRID_REACH * 0.5 * field_deg).to_radians().cos();
+    let boresight = solution.camera_from_inertial().inverse() * DVec3::Z;
     let (dec_step, ra_step) = (step(1.0), step(dec.cos().max(0.05)));
     let direction = |ra_deg: f64, dec_deg: f64| {
         let (ra, dec) = (ra_deg.to_radians(), dec_deg.to_radians());
@@ -105,7 +110,9 @@ fn grid(panel: &mut Panel, result: &ImageResult, size: DVec2) {
         let mut labelled = false;
         // A last place that is nowhere ends the last line.
         for place in places.into_iter().map(Some).chain([None]) {
-            let at = place.and_then(|place| result.pixel(place));
+            let at = place
+                .filter(|place| place.dot(boresight) > least_cosine)
+                .and_then(|place| result.pixel(place));
             match at.filter(|at| at.cmpge(DVec2::ZERO).all() && at.cmple(size).all()) {
                 Some(at) => line.push(at.to_array()),
                 None if line.len() > 1 => {

@@ -49,14 +49,7 @@ impl StarCamera {
     /// A camera of a horizontal field (full angle, rad) and an image size.
     pub fn from_field(horizontal_field_rad: f64, [width_px, height_px]: [u32; 2]) -> Self {
         let f_px = 0.5 * f64::from(width_px) / (0.5 * horizontal_field_rad).tan();
-        let pinhole = Pinhole {
-            fx_px: f_px,
-            fy_px: f_px,
-            cx_px: f64::from(width_px) / 2.0,
-            cy_px: f64::from(height_px) / 2.0,
-            width_px,
-            height_px,
-        };
+        let pinhole = Pinhole::centred(f_px, [width_px, height_px]);
         Self { pinhole, calibration: None, mirrored: false }
     }
 

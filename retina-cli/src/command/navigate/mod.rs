@@ -4,6 +4,7 @@ mod far_range;
 mod flashes;
 mod frames_folder;
 mod full_disk;
+mod limb;
 mod star_cameras;
 mod star_text;
 mod stars;
@@ -16,6 +17,8 @@ use crate::failure::Failure;
 pub(crate) enum Command {
     /// Finds the attitude from star images, lost in space, and the planets in them.
     Stars(stars::Arguments),
+    /// Finds a body, its range and its line of sight in one photograph, by its limb.
+    Limb(limb::Arguments),
     /// Runs the paper's far-range experiment: random poses, and a transfer to Mars.
     FarRange(far_range::Arguments),
     /// Finds the camera's position from the limb of a resolved body.
@@ -31,6 +34,7 @@ pub(crate) enum Command {
 pub(crate) fn run(command: &Command) -> Result<(), Failure> {
     match command {
         Command::Stars(arguments) => stars::run(arguments),
+        Command::Limb(arguments) => limb::run(arguments),
         Command::FarRange(arguments) => far_range::run(arguments),
         Command::FullDisk(arguments) => full_disk::run(arguments),
         Command::Flashes(arguments) => flashes::run(arguments),

@@ -135,11 +135,20 @@ pub(crate) struct Arguments {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum SampleCoding {
+pub(super) enum SampleCoding {
     /// In proportion to light.
     Linear,
     /// By the sRGB curve.
     Srgb,
+}
+
+impl SampleCoding {
+    pub(super) fn coding(self) -> Coding {
+        match self {
+            Self::Linear => Coding::Linear,
+            Self::Srgb => Coding::Srgb,
+        }
+    }
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -238,11 +247,7 @@ impl Arguments {
         };
         let options = PhotographOptions {
             bits: self.bits.or(setup_bits),
-            coding: match self.coding {
-                None => Coding::ByKind,
-                Some(SampleCoding::Linear) => Coding::Linear,
-                Some(SampleCoding::Srgb) => Coding::Srgb,
-            },
+            coding: self.coding.map_or(Coding::ByKind, SampleCoding::coding),
             // A setup counts pixels as the sensor does, however a viewer turns them.
             upright: !matches!(optics, Optics::Setup(..)),
         };
@@ -260,7 +265,13 @@ impl Arguments {
         )?;
         let mask = self.mask.as_ref().map(|path| read_mask(path, size)).transpose()?;
         let square = self.pixel_aspect.is_some() || matches!(optics, Optics::Setup(..));
-        let context = ImageContext { mask, find_pixel_aspect: !square, ..context.clone() };
+        let context = ImageContext {
+            mask,
+            find_pixel_aspect: !square,
+            field_given: self.fov_deg.is_some(),
+            aspect_given: self.pixel_aspect.is_some(),
+            ..context.clone()
+        };
         let image = &photograph.image;
         if let Optics::Setup(setup, _) = optics {
             let (found, expected) =
@@ -317,7 +328,7 @@ impl Arguments {
             let bytes = png(&svg, 1.0).map_err(|error| Failure::new(error.to_string()))?;
             store(path, &bytes)?;
         }
-        if let Some(path) = &self.csv {
+        if let (Some(path), Ok(_)) = (&self.csv, &result.solution) {
             store(path, matches_csv(result).as_bytes())?;
         }
         if let (Some(path), Some(bytes)) = (&self.wcs, wcs_header(result)) {
@@ -399,7 +410,7 @@ fn field_rad(text: &str) -> Result<[f64; 2], Failure> {
 }
 
 /// Three finite numbers.
-fn vector(flag: &str, text: &str) -> Result<DVec3, Failure> {
+pub(super) fn vector(flag: &str, text: &str) -> Result<DVec3, Failure> {
     let numbers: Vec<f64> = text.split(',').map(|part| part.trim().parse().unwrap_or(f64::NAN)).collect();
     match numbers[..] {
         [x, y, z] if [x, y, z].iter().all(|v| v.is_finite()) => Ok(DVec3::new(x, y, z)),

@@ -1,0 +1,439 @@
+//! `retina navigate limb`.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DQuat, DVec3};
+use retina_files::{InputError, write_atomic};
+use retina_formats::Calibration;
+use retina_geometry::Pinhole;
+use retina_image::{Coding, Photograph, PhotographOptions};
+use retina_model::load_body;
+use retina_navigation::limb::{KnownBody, LimbAnswer, LimbCamera, LimbQuestion, Mapping};
+use retina_navigation::products::limb_picture;
+use retina_plot::png;
+use retina_sky::ephemeris::Ephemeris;
+use retina_sky::observer::Observer;
+use retina_sky::planets::{Planet, SeenPlanet, seen_planet};
+use retina_sky::site::Site;
+use retina_sky::time::parse_epoch;
+use serde_json::json;
+
+use super::stars::{SampleCoding, vector};
+use crate::failure::Failure;
+use crate::output::{print_json, print_lines};
+use crate::setup::read_setup;
+
+/// Standard deviation of a focal length, per cent: of a lens with a nominal one, and of a 35-mm equivalent, which is
+/// rounded to 1 mm.
+const FOCAL_PERCENT: f64 = 0.5;
+const EXIF_FOCAL_PERCENT: f64 = 4.0;
+/// What a camera's own tone curve may shift an edge by, share of its blur: half the light, raised to a power between 0.7
+/// and 1.4, stands 0.3 standard deviations off.
+const TONE_SIGMA_SHARE: f64 = 0.3;
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Photograph of the body: PNG, TIFF, FITS or JPEG.
+    #[arg(value_name = "PHOTO")]
+    photo: PathBuf,
+    /// Setup with the camera, schema retina.setup/1.
+    ///
+    /// Without it, `--focal-mm` and `--fov-deg`, the focal length is that of a JPEG's or TIFF's EXIF data.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["focal_mm", "fov_deg"])]
+    setup: Option<PathBuf>,
+    /// Calibration of the facility, for an image that contains its distortion.
+    #[arg(long, value_name = "FILE", requires = "setup")]
+    calibration: Option<PathBuf>,
+    /// Focal length of the camera, mm.
+    #[arg(long, value_name = "F", requires = "pixel_um", conflicts_with = "fov_deg")]
+    focal_mm: Option<f64>,
+    /// Size of a pixel, um.
+    #[arg(long, value_name = "P", requires = "focal_mm")]
+    pixel_um: Option<f64>,
+    /// Horizontal field of view, degrees.
+    #[arg(long, value_name = "DEG")]
+    fov_deg: Option<f64>,
+    /// Uncertainty of the focal length (1 sigma), per cent [default: 0.5; 4 for an EXIF focal length].
+    #[arg(long, value_name = "PERCENT")]
+    focal_percent: Option<f64>,
+    /// The body: `moon`, a planet, or a mesh (.glb, .gltf, .obj), whose ellipsoid of equal volume is taken.
+    #[arg(long, default_value = "moon", value_name = "NAME|FILE")]
+    body: String,
+    /// Semi-axes of a body of no name, m: one number, or A,B,C.
+    #[arg(long, value_name = "R|A,B,C", conflicts_with = "body")]
+    radii_m: Option<String>,
+    /// Attitude of the body, a quaternion that turns its axes into the camera's: W,X,Y,Z.
+    ///
+    /// Only a body that is not nearly round needs it.
+    #[arg(long, value_name = "W,X,Y,Z", allow_hyphen_values = true)]
+    camera_from_body: Option<String>,
+    /// Mean height of the seen limb above the body's reference surface, m [default: the body's].
+    #[arg(long, value_name = "H", allow_hyphen_values = true)]
+    limb_height_m: Option<f64>,
+    /// Uncertainty (1 sigma) of that height, and of the limb's first degree, m [default: the body's].
+    #[arg(long, value_name = "SIGMA")]
+    limb_height_sigma_m: Option<f64>,
+    /// Position angle of the Sun in the image, degrees: 0 is up, 90 is left [default: found from the lit shape].
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    sun_deg: Option<f64>,
+    /// Epoch of the photograph, ISO 8601.
+    #[arg(long, value_name = "EPOCH")]
+    time: Option<String>,
+    /// Place on the Earth (WGS 84): latitude and east longitude in degrees, height in m.
+    ///
+    /// With the time it gives the phase angle, and the range and radius that are expected.
+    #[arg(long, value_name = "LAT,LON,HEIGHT", requires = "time", allow_hyphen_values = true)]
+    site: Option<String>,
+    /// Position of the camera, barycentric ICRF, m, instead of a place on the Earth.
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        requires = "time",
+        conflicts_with = "site",
+        allow_hyphen_values = true
+    )]
+    position_m: Option<String>,
+    /// SPK kernel for the Sun, the Moon and the planets [default: analytical theories].
+    ///
+    /// Repeat the flag for more kernels. If several contain the same body, the last one named is
+    /// used.
+    #[arg(long, value_name = "FILE.bsp", requires = "time")]
+    ephemeris: Vec<PathBuf>,
+    /// Bits of the camera's digital numbers, where they are linear [default: the setup's, or those of
+    /// the file].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16))]
+    bits: Option<u32>,
+    /// How samples stand for light [default: sRGB for JPEG and colour of 8 bits, otherwise linear].
+    #[arg(long, value_enum)]
+    coding: Option<SampleCoding>,
+    /// Dark frame of the same exposure, subtracted from the photograph.
+    #[arg(long, value_name = "FILE")]
+    dark: Option<PathBuf>,
+    /// Flat field by which the photograph is divided, of any brightness.
+    #[arg(long, value_name = "FILE")]
+    flat: Option<PathBuf>,
+    /// Draw the photograph with the fitted outline, and the residuals along the limb.
+    #[arg(long, value_name = "FILE.png")]
+    annotate: Option<PathBuf>,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    arguments.check()?;
+    let body = arguments.body()?;
+    let expected = arguments.expected(&body)?;
+    let (photograph, camera, focal_percent) = arguments.read()?;
+    let question = LimbQuestion {
+        camera,
+        focal_sigma_share: arguments.focal_percent.unwrap_or(focal_percent) / 100.0,
+        body,
+        sun_angle_rad: arguments.sun_deg.map(f64::to_radians),
+        expected,
+        tone_sigma_share: if photograph.linearised { TONE_SIGMA_SHARE } else { 0.0 },
+    };
+    let answer = question.solve(&photograph.image);
+    let file = arguments.photo.display().to_string();
+    if let Some(path) = &arguments.annotate {
+        let title = arguments.photo.file_name().map_or(file.clone(), |name| name.to_string_lossy().into());
+        let svg = limb_picture(&question, &answer, &photograph.image, &title).to_svg();
+        let bytes = png(&svg, 1.0).map_err(|error| Failure::new(error.to_string()))?;
+        write_atomic(path, &bytes)
+            .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))?;
+    }
+    let mut notes = photograph.notes();
+    if question.tone_sigma_share > 0.0 {
+        notes.push(format!(
+            "a camera's own tone curve may shift the limb by {TONE_SIGMA_SHARE} of its blur, which is in sigma"
+        ));
+    }
+    if arguments.json {
+        let mut document = question.json(&answer);
+        document["file"] = json!(file);
+        document["notes"] = json!(notes);
+        return print_json(&document);
+    }
+    let mut lines = text(&file, &question, &answer);
+    lines.extend(notes.iter().map(|note| format!("  note: {note}")));
+    print_lines(&lines)
+}
+
+/// What is printed without `--json`.
+fn text(file: &str, question: &LimbQuestion, answer: &LimbAnswer) -> Vec<String> {
+    let sight = match &answer.sight {
+        Err(refusal) => return vec![format!("{file}: refused: {}", question.refusal(refusal, answer))],
+        Ok(sight) => sight,
+    };
+    let solution = &sight.solution;
+    let [range_km, sigma_km] = sight.range_m.map(|metres| 1e-3 * metres);
+    let [x, y, z] = sight.line_of_sight.to_array();
+    let axes = solution.ellipse.semi_axes_px;
+    let mut lines = vec![
+        format!(
+            "{file}: {} at ({:.2} +- {:.2}, {:.2} +- {:.2}) px, radius {:.2} +- {:.2} px (semi-axes {:.2}, {:.2}); {} \
+             points over {:.0} deg of limb, {:.3} px rms",
+            question.body.name,
+            sight.center_px.x,
+            solution.center_sigma_px.x,
+            sight.center_px.y,
+            solution.center_sigma_px.y,
+            solution.radius_px[0],
+            solution.radius_px[1],
+            axes[0],
+            axes[1],
+            solution.points.iter().filter(|point| point.used).count(),
+            solution.arc_rad.to_degrees(),
+            solution.rms_px,
+        ),
+        format!(
+            "  range {range_km:.1} +- {sigma_km:.1} km; line of sight ({x:.6}, {y:.6}, {z:.6}), {:.2} arcsec per axis",
+            sight.line_of_sight_sigma_rad().to_degrees() * 3600.0
+        ),
+        format!(
+            "  sigma of the range (km): {}",
+            sight
+                .range_terms_m()
+                .map(|(name, sigma_m)| format!("{} {:.2}", name.replace('_', " "), 1e-3 * sigma_m))
+                .join(", ")
+        ),
+        format!(
+            "  limb height {:.0} +- {:.0} m ({})",
+            question.body.limb_height_m, question.body.limb_height_sigma_m, question.body.limb_height_source
+        ),
+        match sight.sun_angle_rad() {
+            Some(angle) => format!("  the Sun is at {:.1} deg (0 up, 90 left)", angle.to_degrees()),
+            None => "  the whole border is taken for limb: no terminator stands out of it".to_owned(),
+        },
+    ];
+    if let Some(seen) = question.expected {
+        lines.push(format!(
+            "  expected by the ephemeris: range {:.1} km, which is {:.1} sigma off, radius {:.2} px, phase {:.2} deg",
+            1e-3 * seen.distance_m,
+            sight.off_sigma(&seen),
+            question.expected_radius_px(&seen),
+            seen.phase_angle_rad.to_degrees()
+        ));
+    }
+    lines
+}
+
+impl Arguments {
+    /// Refuses values out of range and outputs that would overwrite inputs.
+    fn check(&self) -> Result<(), Failure> {
+        let ranges: [(&str, Option<f64>, std::ops::RangeInclusive<f64>, &str); 7] = [
+            ("--focal-mm", self.focal_mm, 0.1..=1e5, "0.1 to 100000"),
+            ("--pixel-um", self.pixel_um, 0.1..=1e3, "0.1 to 1000"),
+            ("--fov-deg", self.fov_deg, 0.01..=120.0, "0.01 to 120"),
+            ("--focal-percent", self.focal_percent, 0.0..=20.0, "0 to 20"),
+            ("--sun-deg", self.sun_deg, -360.0..=360.0, "-360 to 360"),
+            ("--limb-height-m", self.limb_height_m, -1e8..=1e8, "-1e8 to 1e8"),
+            ("--limb-height-sigma-m", self.limb_height_sigma_m, 0.0..=1e8, "0 to 1e8"),
+        ];
+        for (flag, value, range, expected) in ranges {
+            if let Some(found) = value.filter(|value| !range.contains(value)) {
+                return Err(InputError::new(Path::new(flag), "the value is out of range")
+                    .found(found)
+                    .expected(expected)
+                    .into());
+            }
+        }
+        if let Some(path) = &self.annotate {
+            crate::check_file(path, "png")?;
+        }
+        let inputs = [&self.setup, &self.calibration, &self.dark, &self.flat];
+        let mesh = PathBuf::from(&self.body);
+        let inputs = std::iter::once(&self.photo)
+            .chain(std::iter::once(&mesh))
+            .chain(&self.ephemeris)
+            .chain(inputs.into_iter().flatten());
+        crate::check_apart(inputs, [self.annotate.as_ref()], None)
+    }
+
+    fn body(&self) -> Result<KnownBody, Failure> {
+        let camera_from_body = self.camera_from_body.as_deref().map(rotation).transpose()?;
+        let flag = if self.radii_m.is_some() { "--radii-m" } else { "--body" };
+        let refused = |error: retina_navigation::limb::BodyError| {
+            InputError::new(Path::new(flag), error.to_string())
+                .help("give the body's attitude (--camera-from-body W,X,Y,Z)")
+        };
+        let body = if let Some(text) = &self.radii_m {
+            KnownBody::ellipsoid("body", radii_m(text)?, camera_from_body).map_err(refused)?
+        } else if let Some(planet) = Planet::from_name(&self.body) {
+            KnownBody::planet(planet, camera_from_body).map_err(refused)?
+        } else if Path::new(&self.body).extension().is_some() {
+            let path = Path::new(&self.body);
+            let ellipsoid = load_body(path)?.ellipsoid(path)?;
+            let turn = camera_from_body.map(|camera_from_body| camera_from_body * ellipsoid.body_from_axes);
+            let name = path.file_stem().map_or(self.body.clone(), |stem| stem.to_string_lossy().into());
+            KnownBody::ellipsoid(&name, ellipsoid.semi_axes_m, turn).map_err(refused)?.with_limb(
+                0.0,
+                ellipsoid.rms_height_m,
+                "the mesh's height above its ellipsoid, rms",
+            )
+        } else {
+            return Err(InputError::new(Path::new("--body"), "is no body that is known here")
+                .found(format!("`{}`", self.body))
+                .expected("`moon`, a planet such as `earth`, or a mesh (.glb, .gltf, .obj)")
+                .help("give the semi-axes of another body (--radii-m)")
+                .into());
+        };
+        Ok(KnownBody {
+            limb_height_m: self.limb_height_m.unwrap_or(body.limb_height_m),
+            limb_height_sigma_m: self.limb_height_sigma_m.unwrap_or(body.limb_height_sigma_m),
+            limb_height_source: if self.limb_height_sigma_m.is_some() {
+                "as given".to_owned()
+            } else {
+                body.limb_height_source
+            },
+            ..body
+        })
+    }
+
+    /// The body as the ephemeris has it, where time and place are given.
+    fn expected(&self, body: &KnownBody) -> Result<Option<SeenPlanet>, Failure> {
+        let failure = |error: &dyn std::fmt::Display| Failure::new(error.to_string());
+        if self.site.is_none() && self.position_m.is_none() {
+            return match &self.time {
+                None => Ok(None),
+                Some(_) => Err(InputError::new(Path::new("--time"), "says nothing without a place")
+                    .help("give --site LAT,LON,HEIGHT or --position-m X,Y,Z, or leave --time out")
+                    .into()),
+            };
+        }
+        let Some(planet) = body.planet else {
+            return Err(InputError::new(Path::new("--body"), "has no ephemeris")
+                .found(format!("`{}`", body.name))
+                .expected("`moon` or a planet, where a time and a place are given")
+                .help("leave --time, --site and --position-m out")
+                .into());
+        };
+        let time = self.time.as_deref().unwrap_or_default();
+        let tdb_s = parse_epoch(time).map_err(|error| Failure::new(format!("--time: {error}")))?;
+        let ephemeris = Ephemeris::read(&self.ephemeris)?;
+        let (position_m, velocity_m_s) = match (&self.site, &self.position_m) {
+            (Some(text), _) => {
+                let (position_m, velocity_m_s) =
+                    site(text)?.state(&ephemeris, tdb_s).map_err(|error| failure(&error))?;
+                (position_m, Some(velocity_m_s))
+            }
+            (None, text) => (vector("--position-m", text.as_deref().unwrap_or_default())?, None),
+        };
+        let observer =
+            Observer::new(&ephemeris, tdb_s, position_m, velocity_m_s).map_err(|error| failure(&error))?;
+        let seen = seen_planet(&observer, planet).map_err(|error| failure(&error))?;
+        // From the Earth's surface its own centre is less than a radius away.
+        seen.map(Some).ok_or_else(|| {
+            InputError::new(Path::new("--body"), "the camera is inside the body, or on it")
+                .found(planet.name())
+                .help("check the body and the place")
+                .into()
+        })
+    }
+
+    /// The photograph, its camera, and the uncertainty of the focal length, per cent.
+    fn read(&self) -> Result<(Photograph, LimbCamera, f64), Failure> {
+        let setup = self.setup.as_ref().map(|path| read_setup(path)).transpose()?;
+        let options = PhotographOptions {
+            bits: self.bits.or(setup.as_ref().map(|setup| setup.camera.bits)),
+            coding: self.coding.map_or(Coding::ByKind, SampleCoding::coding),
+            // A setup counts pixels as the sensor does, however a viewer turns them.
+            upright: setup.is_none(),
+        };
+        let mut photograph = Photograph::read(&self.photo, options)?;
+        photograph.image = {
+            let frame = |path: &Option<PathBuf>| {
+                let read = |path: &PathBuf| {
+                    Ok::<_, InputError>((path.clone(), Photograph::read(path, options)?.image))
+                };
+                path.as_ref().map(read).transpose()
+            };
+            let (dark, flat) = (frame(&self.dark)?, frame(&self.flat)?);
+            photograph.image.clone().reduced(
+                dark.as_ref().map(|(path, image)| (path.as_path(), image)),
+                flat.as_ref().map(|(path, image)| (path.as_path(), image)),
+            )?
+        };
+        let size = [photograph.image.width_px, photograph.image.height_px];
+        if let (Some(setup), Some(path)) = (&setup, &self.setup) {
+            let expected = [setup.camera.width_px, setup.camera.height_px];
+            if size != expected {
+                return Err(InputError::new(
+                    &self.photo,
+                    "the image does not have the size of the setup's camera",
+                )
+                .found(format!("{} x {} pixels", size[0], size[1]))
+                .expected(format!("{} x {}, as {} has it", expected[0], expected[1], path.display()))
+                .help("give the setup of this camera, or --focal-mm and --pixel-um instead")
+                .into());
+            }
+            let pinhole = setup.camera_pinhole();
+            let mapping = match &self.calibration {
+                None => Mapping::Pinhole,
+                Some(path) => Mapping::Downstream(Box::new(Calibration::read(path, setup)?)),
+            };
+            return Ok((photograph, LimbCamera { pinhole, mapping }, FOCAL_PERCENT));
+        }
+        let width = f64::from(size[0]);
+        let (focal_px, percent) = match (self.focal_mm, self.pixel_um, self.fov_deg) {
+            (Some(focal_mm), Some(pixel_um), _) => (1e3 * focal_mm / pixel_um, FOCAL_PERCENT),
+            (_, _, Some(deg)) => (0.5 * width / (0.5 * deg.to_radians()).tan(), FOCAL_PERCENT),
+            _ => {
+                let focal_px = photograph.exif.focal_px(size).ok_or_else(|| {
+                    InputError::new(&self.photo, "the camera's focal length is not known")
+                        .found("no 35-mm equivalent in the file's EXIF data")
+                        .expected("--setup FILE, --focal-mm F with --pixel-um P, or --fov-deg DEG")
+                        .help("give one of these")
+                })?;
+                (focal_px, EXIF_FOCAL_PERCENT)
+            }
+        };
+        Ok((photograph, LimbCamera::pinhole(Pinhole::centred(focal_px, size)), percent))
+    }
+}
+
+/// `LAT,LON,HEIGHT`: degrees, degrees, m.
+fn site(text: &str) -> Result<Site, Failure> {
+    let place = vector("--site", text)?;
+    let [latitude_deg, longitude_deg, altitude_m] = place.to_array();
+    if latitude_deg.abs() > 90.0 || longitude_deg.abs() > 360.0 || altitude_m.abs() > 1e5 {
+        return Err(InputError::new(Path::new("--site"), "is no place on the Earth")
+            .found(format!("`{text}`"))
+            .expected("latitude -90 to 90 deg, east longitude -360 to 360 deg, height -100000 to 100000 m")
+            .into());
+    }
+    Ok(Site {
+        latitude_rad: latitude_deg.to_radians(),
+        longitude_rad: longitude_deg.to_radians(),
+        altitude_m,
+    })
+}
+
+/// One radius, or three semi-axes, m.
+fn radii_m(text: &str) -> Result<DVec3, Failure> {
+    if text.contains(',') {
+        return vector("--radii-m", text);
+    }
+    match text.trim().parse::<f64>() {
+        Ok(radius_m) => Ok(DVec3::splat(radius_m)),
+        Err(_) => Err(InputError::new(Path::new("--radii-m"), "is no radius")
+            .found(format!("`{text}`"))
+            .expected("a number of metres, or three, A,B,C")
+            .into()),
+    }
+}
+
+/// A quaternion, scalar first, of any length above 0.
+fn rotation(text: &str) -> Result<DMat3, Failure> {
+    let numbers: Vec<f64> = text.split(',').map(|part| part.trim().parse().unwrap_or(f64::NAN)).collect();
+    if let [w, x, y, z] = numbers[..] {
+        let turn = DQuat::from_xyzw(x, y, z, w);
+        if turn.is_finite() && turn.length() > 1e-6 {
+            return Ok(DMat3::from_quat(turn.normalize()));
+        }
+    }
+    Err(InputError::new(Path::new("--camera-from-body"), "is no rotation")
+        .found(format!("`{text}`"))
+        .expected("four numbers, W,X,Y,Z, not all 0")
+        .into())
+}
