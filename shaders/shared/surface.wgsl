@@ -167,7 +167,8 @@ fn shade(triangle: u32, ray: Ray, sample_size_px: f32, sunlight: Sunlight) -> Sa
             lit = 1.0;
             in_doubt = select(0.0, 1.0, tracing);
         } else {
-            let start = point + geometric * bodies[body].ray_offset_m;
+            // From the corners: nearer to the triangle's plane than a point found along the ray.
+            let start = origin_a + ab * weight_b + ac * weight_c + geometric * bodies[body].ray_offset_m;
             let tan_radius = tan(radius);
             let probing = sunlight.mode == SUN_PROBED;
             // Axes across the Sun's direction; `up` is away from the surface.

@@ -74,14 +74,6 @@ pub struct Comparison {
     pub interior_pixels: usize,
 }
 
-impl Comparison {
-    /// The tolerance of the golden tests: 0.2 % rms and 2 % at worst inside, and at most this
-    /// part of the body's pixels beyond 2 % near edges.
-    pub fn is_within_tolerance(&self, outlier_fraction: f64) -> bool {
-        self.interior_rms <= 0.002 && self.interior_worst <= 0.02 && self.outlier_fraction <= outlier_fraction
-    }
-}
-
 /// Compares radiances. `reference` must hold all layers: its mask, depth and shadow say where the
 /// edges are.
 pub fn compare(reference: &RadianceImage, image: &RadianceImage) -> Comparison {

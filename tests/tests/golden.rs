@@ -21,6 +21,15 @@ const REFERENCE: CpuSampling = CpuSampling { grid: 8, refined_grid: 20, sun_poin
 /// twelfth of its pixels lie on such an edge, where 64 rays see a straight edge to about 2 %.
 const OUTLIERS: f64 = 0.015;
 
+/// Largest difference that a pixel of the close-up may have away from every edge that the reference sees. Where sunlight
+/// grazes a slope, half a metre of the rays' start decides whether some hundred metres lie in shadow: one pixel of 58 000
+/// is off by 3 % in f32, whatever the samples.
+const GRAZED: f64 = 0.04;
+
+fn close_up_agrees(found: &Comparison) -> bool {
+    found.interior_rms <= 0.002 && found.interior_worst <= GRAZED && found.outlier_fraction <= OUTLIERS
+}
+
 fn lunar() -> Photometry {
     let law = LunarLambert { decay_rad: 60f64.to_radians() };
     Photometry::new(law, PhaseFunction::CONSTANT, Some(0.12))
@@ -75,10 +84,7 @@ fn moon_with_relief_texture_and_shadows() {
     {
         let found = compare(&reference, &image);
         println!("{renderer}: {found:?}");
-        assert!(
-            found.interior_pixels > 10_000 && found.is_within_tolerance(OUTLIERS),
-            "{renderer}: {found:?}"
-        );
+        assert!(found.interior_pixels > 10_000 && close_up_agrees(&found), "{renderer}: {found:?}");
         assert!((found.flux_ratio - 1.0).abs() < 5e-4, "{renderer}: {found:?}");
 
         // Twins: what the comparison must not let pass.
@@ -87,9 +93,9 @@ fn moon_with_relief_texture_and_shadows() {
             let left = if i % width > 0 { i - 1 } else { i };
             0.9 * image.radiance()[i] + 0.1 * image.radiance()[left]
         });
-        assert!(!compare(&reference, &shifted).is_within_tolerance(OUTLIERS), "a shift of 0.1 px passed");
+        assert!(!close_up_agrees(&compare(&reference, &shifted)), "a shift of 0.1 px passed");
         let louder = perturbed(&image, |image, i| 1.01 * image.radiance()[i]);
-        assert!(!compare(&reference, &louder).is_within_tolerance(OUTLIERS), "a gain of 1 % passed");
+        assert!(!close_up_agrees(&compare(&reference, &louder)), "a gain of 1 % passed");
         // A missing shadow: one crater's shadow filled with its surroundings' light.
         let shadowed: Vec<usize> = (0..reference.pixels())
             .filter(|&i| reference.plane(10)[i] > 0.99 && reference.plane(7)[i] < 88.0)
@@ -99,7 +105,7 @@ fn moon_with_relief_texture_and_shadows() {
         for &i in &shadowed {
             unshadowed.data[i] = 0.12 * 0.59 * reference.plane(7)[i].to_radians().cos();
         }
-        assert!(!compare(&reference, &unshadowed).is_within_tolerance(OUTLIERS), "missing shadows passed");
+        assert!(!close_up_agrees(&compare(&reference, &unshadowed)), "missing shadows passed");
         layers_agree(renderer, &reference, &image);
     }
 }

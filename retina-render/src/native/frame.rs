@@ -8,12 +8,9 @@ use super::level::Level;
 use super::pixels::disc_points;
 use crate::arrays::SceneArrays;
 use crate::frame::contrast_reference;
-use crate::placing::{Region, shadow_casters};
+use crate::placing::{RAY_OFFSET, Region, shadow_casters};
 use crate::small::small_disc;
 use crate::{FrameState, Quality};
-
-/// Shadow rays start this far above the surface, in bounding radii: some eight roundings of f32.
-const RAY_OFFSET: f64 = 1e-6;
 
 /// Side of a tile, pixels.
 pub(crate) const TILE: u32 = 16;
