@@ -5,8 +5,8 @@
 #   prepare_machine no     only says what is missing
 #
 # Wanted are a C linker (`cc`) and a Vulkan adapter: the loader library and at least one driver
-# manifest. Mesa's software driver (lavapipe) serves where there is no GPU. Nothing here ends the
-# caller except a missing Rust toolchain: without an adapter the renderer falls back to the CPU.
+# manifest. Where there is no GPU the native renderer makes the frames; Mesa's software driver (lavapipe)
+# lets the tests run the shaders. Nothing here ends the caller except a missing Rust toolchain.
 
 # Mesa's Vulkan driver complains on standard error where this is unset, and uses it for nothing here.
 export XDG_RUNTIME_DIR="${XDG_RUNTIME_DIR:-${TMPDIR:-/tmp}}"

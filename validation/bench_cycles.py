@@ -51,7 +51,7 @@ THOROUGH = Plan(
     crop_px=128,
     sizes=(FULL, SQUARE),
     error_size=FULL,
-    retina_runs=(("default", "auto", "default"), ("best", "auto", "best"), ("cpu best", "cpu", "best")),
+    retina_runs=(("default", "native", "default"), ("best", "native", "best"), ("cpu best", "cpu", "best")),
     repeats=3,
 )
 QUICK = Plan(
@@ -61,7 +61,7 @@ QUICK = Plan(
     crop_px=96,
     sizes=(SQUARE,),
     error_size=SQUARE,
-    retina_runs=(("default", "auto", "default"), ("best", "auto", "best")),
+    retina_runs=(("default", "native", "default"), ("best", "native", "best")),
     repeats=6,
 )
 

@@ -4,7 +4,8 @@
 //! - [`FrameState`], [`BodyModel`], [`BodyState`]: what a frame shows; [`RadianceImage`]: what comes back.
 //! - [`GpuRenderer`]: wgpu, from a real GPU to Mesa's lavapipe. It is behind the feature `gpu`, which is on by default;
 //!   without it no adapter is ever found.
-//! - [`CpuRenderer`]: an independent f64 ray caster, reference and fallback.
+//! - [`NativeRenderer`]: f32 on the processor's cores; the one to take where there is no real GPU.
+//! - [`CpuRenderer`]: an independent f64 ray caster, the reference for both.
 //! - [`GpuWarp`]: resampling through the facility's distortion on the way back.
 
 mod arrays;

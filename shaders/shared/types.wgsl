@@ -130,7 +130,7 @@ const MOST_BODIES: u32 = 32u;
 /// Corners of each triangle, three texels; the first one's w is 1 where both sides are seen.
 @group(0) @binding(9) var corner_texels: texture_2d<f32>;
 /// For each 8 triangles the sine of the Sun's elevation over the local normal above which nothing
-/// of the body itself hides it (gpu/horizon.rs).
+/// of the body itself hides it (retina-render/src/arrays/horizon.rs).
 @group(0) @binding(5) var horizon_texels: texture_2d<f32>;
 /// Surfaces, then maps, two texels each.
 @group(0) @binding(6) var surface_texels: texture_2d<u32>;

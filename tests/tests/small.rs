@@ -4,7 +4,8 @@
 use glam::{DQuat, DVec2, DVec3};
 use retina_radiometry::{AU_M, LommelSeeliger, PhaseFunction, Photometry};
 use retina_render::{
-    BodyModel, CpuRenderer, FrameState, GpuDevice, GpuRenderer, Planes, Quality, RadianceImage,
+    BodyModel, CpuRenderer, FrameState, GpuDevice, GpuRenderer, NativeRenderer, Planes, Quality,
+    RadianceImage,
 };
 use retina_tests::{placed, sphere, square_image};
 
@@ -59,8 +60,10 @@ const PLACES_PX: [(f64, f64); 3] = [(32.0, 32.0), (30.27, 33.81), (40.03, 25.49)
 fn small_bodies_do_not_vanish_or_blink() {
     for radius_px in RADII_PX {
         let cpu = CpuRenderer::new(vec![disc(radius_px)], Quality::Default.into(), Planes::Layers);
+        let native = NativeRenderer::new(&[disc(radius_px)], Quality::Default, Planes::Layers);
         for (x, y) in PLACES_PX {
             check("cpu", radius_px, DVec2::new(x, y), &cpu.render(&state(DVec2::new(x, y))));
+            check("native", radius_px, DVec2::new(x, y), &native.render(&state(DVec2::new(x, y))));
         }
     }
 }
@@ -81,15 +84,19 @@ fn small_bodies_do_not_vanish_or_blink_on_the_gpu() {
 
 #[test]
 fn a_small_body_beside_a_large_one_is_seen() {
-    let Some(gpu) = GpuDevice::open_for_test() else { return };
     let models = vec![disc(20.0), disc(0.5)];
     let mut both = state(DVec2::new(24.0, 32.0));
     both.bodies.push(state(DVec2::new(55.0, 31.0)).bodies[0]);
-    let cpu = CpuRenderer::new(models.clone(), Quality::Default.into(), Planes::Layers).render(&both);
-    let mut renderer = GpuRenderer::new(gpu, models, Quality::Default, Planes::Layers).expect("they fit");
-    renderer.start(&both).expect("the frame starts");
-    let gpu = renderer.finish().expect("the frame ends").expect("one was started");
-    for (name, image) in [("cpu", cpu), ("gpu", gpu)] {
+    let mut images = vec![
+        ("cpu", CpuRenderer::new(models.clone(), Quality::Default.into(), Planes::Layers).render(&both)),
+        ("native", NativeRenderer::new(&models, Quality::Default, Planes::Layers).render(&both)),
+    ];
+    if let Some(gpu) = GpuDevice::open_for_test() {
+        let mut renderer = GpuRenderer::new(gpu, models, Quality::Default, Planes::Layers).expect("they fit");
+        renderer.start(&both).expect("the frame starts");
+        images.push(("gpu", renderer.finish().expect("the frame ends").expect("one was started")));
+    }
+    for (name, image) in images {
         let beside = (0..64 * 64).filter(|i| i % 64 > 50).map(|i| f64::from(image.plane(1)[i])).sum::<f64>();
         let area = beside / ALBEDO;
         assert!((area / (0.25 * std::f64::consts::PI) - 1.0).abs() < 0.05, "{name}: {area}");

@@ -1,6 +1,6 @@
-//! The CPU renderer: an f64 ray caster with its own intersection, textures and sampling. It is
-//! the reference that the GPU's images are held against, and the fallback where there is no
-//! adapter; it shares no code with the shaders but the formulas of retina-radiometry.
+//! The CPU renderer: an f64 ray caster with its own intersection, textures and sampling. It is the reference that the
+//! images of the GPU and of the native renderer are held against; it shares no code with them but the formulas of
+//! retina-radiometry.
 
 mod texture;
 mod tree;

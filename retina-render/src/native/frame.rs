@@ -214,7 +214,7 @@ fn project(arrays: &SceneArrays, state: &FrameState, region: Region) -> Vec<Proj
                             // The identity stands for the Jacobian: this only sorts into tiles.
                             Some(distortion) => {
                                 let mut guess = sight;
-                                for _ in 0..6 {
+                                for _ in 0..3 {
                                     guess -= distortion.distort(guess) - sight;
                                 }
                                 guess.is_finite().then_some(guess)
