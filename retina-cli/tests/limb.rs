@@ -44,7 +44,8 @@ fn limb(photo: &Path, more: &[&str]) -> Output {
 const CAMERA: [&str; 4] = ["--focal-mm", "25", "--pixel-um", "3.45"];
 
 fn document(photo: &Path, more: &[&str]) -> Value {
-    let all = [&CAMERA[..], &["--json"], more].concat();
+    let camera = if more.contains(&"--pixel-um") { &CAMERA[..2] } else { &CAMERA[..] };
+    let all = [camera, &["--json"], more].concat();
     let out = limb(photo, &all);
     assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
     serde_json::from_slice(&out.stdout).unwrap()
@@ -59,6 +60,21 @@ fn photograph(folder: &tempfile::TempDir, phase_deg: f64, light: f64) -> PathBuf
     let radius_px = FOCAL_PX * (1_737_400.0 / MOON_M).asin().tan();
     draw(&path, radius_px, phase_deg, 70.0, light);
     path
+}
+
+#[test]
+fn a_contradicted_range_is_noted() {
+    let folder = tempfile::tempdir().unwrap();
+    let photo = photograph(&folder, 51.3, 20_000.0);
+    let place = ["--time", "2023-12-22T19:21:25Z", "--site", "45.848510,8.381019,455"];
+    let noted = |more: &[&str]| {
+        let found = document(&photo, &[&place[..], more].concat());
+        assert_eq!(found["solved"], true, "{found}");
+        found["notes"].as_array().unwrap().iter().any(|note| note.as_str().unwrap().contains("sigma off"))
+    };
+    assert!(!noted(&["--focal-percent", "0.5"]));
+    // A pixel a tenth wider puts the Moon a tenth nearer.
+    assert!(noted(&["--focal-percent", "0.5", "--limb-height-sigma-m", "500", "--pixel-um", "3.8"]));
 }
 
 #[test]

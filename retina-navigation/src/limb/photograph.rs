@@ -9,6 +9,9 @@ use super::body::KnownBody;
 use super::solve::{LimbLook, first_look, solve_limb};
 use super::{LimbCamera, LimbOptions, LimbSolution, Refusal};
 
+/// Beyond this many standard deviations a range contradicts the ephemeris.
+const MOST_SIGMA: f64 = 5.0;
+
 /// What is known before the photograph is looked at.
 #[derive(Debug, Clone)]
 pub struct LimbQuestion {
@@ -124,6 +127,27 @@ impl LimbQuestion {
         };
         if let (Value::Object(out), Value::Object(more)) = (&mut out, more) {
             out.extend(more);
+        }
+        out
+    }
+
+    /// What makes an accepted answer doubtful, in words; empty where nothing does.
+    pub fn doubts(&self, answer: &LimbAnswer) -> Vec<String> {
+        let Ok(sight) = &answer.sight else { return Vec::new() };
+        let mut out = Vec::new();
+        if self.sun_angle_rad.is_none() && answer.look.is_some_and(|look| look.touches_frame) {
+            out.push(
+                "the body is cut by the frame and the Sun's direction is not given: if the lit limb is outside the \
+                 frame, what was measured is the terminator; give --sun-deg"
+                    .to_owned(),
+            );
+        }
+        let off_sigma = self.expected.map_or(0.0, |seen| sight.off_sigma(&seen));
+        if off_sigma.abs() > MOST_SIGMA {
+            out.push(format!(
+                "the range is {off_sigma:.1} sigma off the ephemeris: the body, the time, the place or the focal \
+                 length is not what was stated"
+            ));
         }
         out
     }

@@ -6,11 +6,12 @@ use retina_radiometry::{Photometry, sun_angular_radius_rad, sun_irradiance_w_m2_
 
 use super::level::Level;
 use super::pixels::disc_points;
+use super::tiles::Sampling;
+use crate::FrameState;
 use crate::arrays::SceneArrays;
 use crate::frame::contrast_reference;
 use crate::placing::{RAY_OFFSET, Region, shadow_casters};
 use crate::small::small_disc;
-use crate::{FrameState, Quality};
 
 /// Side of a tile, pixels.
 pub(crate) const TILE: u32 = 16;
@@ -87,12 +88,11 @@ impl<'a> Prepared<'a> {
         photometry: &'a [Photometry],
         state: &'a FrameState,
         region: Region,
-        quality: Quality,
-        probes: u32,
+        sampling: &Sampling,
         level: Level,
     ) -> Self {
         let placed = (0..state.bodies.len())
-            .map(|body| Placed::new(state, arrays, &photometry[body], body, quality))
+            .map(|body| Placed::new(state, arrays, &photometry[body], body, sampling.contrast))
             .collect();
         let small = (0..state.bodies.len())
             .filter_map(|body| small_disc(state, body, arrays.ranges[body].bounding_radius_m))
@@ -101,7 +101,7 @@ impl<'a> Prepared<'a> {
         let tiles = region.size.map(|side| side.div_ceil(TILE));
         let (starts, binned) = bin(arrays, &projected, region, tiles, state.distortion.is_some());
         let reference_depth_m = state.bodies.first().map_or(0.0, |body| body.position_camera_m.z);
-        let probe_points = disc_points(probes);
+        let probe_points = disc_points(sampling.probes);
         Self {
             arrays,
             state,
@@ -161,7 +161,7 @@ impl<'a> Placed<'a> {
         arrays: &SceneArrays,
         photometry: &'a Photometry,
         own: usize,
-        quality: Quality,
+        contrast: f64,
     ) -> Self {
         let body = &state.bodies[own];
         let body_from_camera = body.camera_from_body.transpose();
@@ -188,7 +188,7 @@ impl<'a> Placed<'a> {
             sun_tangent_radius: sun_angular_radius_rad(distance_m).tan() as f32,
             sun_irradiance_over_pi: (sun_irradiance_w_m2_nm(distance_m) / std::f64::consts::PI) as f32,
             ray_offset_m: (arrays.ranges[own].bounding_radius_m * RAY_OFFSET) as f32,
-            contrast: (quality.contrast() * contrast_reference(photometry, body.phase_rad())) as f32,
+            contrast: (contrast * contrast_reference(photometry, body.phase_rad())) as f32,
             casters,
         }
     }

@@ -77,15 +77,7 @@ impl NativeRenderer {
         };
         let Some(region) = placing::region(state, &self.arrays.ranges) else { return image };
         let sampling = Sampling::of(self.quality);
-        let frame = Prepared::new(
-            &self.arrays,
-            &self.photometry,
-            state,
-            region,
-            self.quality,
-            sampling.probes,
-            self.level,
-        );
+        let frame = Prepared::new(&self.arrays, &self.photometry, state, region, &sampling, self.level);
         let layers = self.planes == Planes::Layers;
         let tiles: Vec<Vec<Pixel>> = (0..frame.tile_count())
             .into_par_iter()

@@ -17,14 +17,19 @@ pub(crate) struct Sampling {
     pub(crate) probes: u32,
     edge_log2: u32,
     inner_log2: u32,
+    /// A pixel is refined when its fragments differ by more than this part of the body's mean radiance factor: its
+    /// samples give their areas to some per cent.
+    pub(crate) contrast: f64,
 }
 
 impl Sampling {
     pub(crate) fn of(quality: Quality) -> Self {
         match quality {
-            Quality::Draft => Self { first_log2: 2, probes: 4, edge_log2: 5, inner_log2: 4 },
-            Quality::Default => Self { first_log2: 4, probes: 8, edge_log2: 8, inner_log2: 6 },
-            Quality::Best => Self { first_log2: 6, probes: 16, edge_log2: 8, inner_log2: 8 },
+            Quality::Draft => Self { first_log2: 2, probes: 4, edge_log2: 5, inner_log2: 4, contrast: 0.5 },
+            Quality::Default => {
+                Self { first_log2: 4, probes: 8, edge_log2: 8, inner_log2: 6, contrast: 0.03 }
+            }
+            Quality::Best => Self { first_log2: 6, probes: 16, edge_log2: 8, inner_log2: 8, contrast: 0.01 },
         }
     }
 }

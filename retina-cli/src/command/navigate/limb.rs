@@ -148,6 +148,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             "a camera's own tone curve may shift the limb by {TONE_SIGMA_SHARE} of its blur, which is in sigma"
         ));
     }
+    notes.extend(question.doubts(&answer));
     if arguments.json {
         let mut document = question.json(&answer);
         document["file"] = json!(file);
