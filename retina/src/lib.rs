@@ -90,7 +90,8 @@ pub mod prelude {
     pub use crate::optics::{Launcher, OpticalSystem, Tracer, read_system, shipped_design};
     pub use crate::radiometry::{Law, Photometry};
     pub use crate::render::{
-        BodyModel, BodyState, CpuRenderer, FrameState, GpuDevice, GpuRenderer, Planes, Quality,
+        BodyModel, BodyState, CpuRenderer, FrameState, GpuDevice, GpuRenderer, NativeRenderer, Planes,
+        Quality,
     };
     pub use crate::scene::Scene;
 }

@@ -47,7 +47,7 @@ pub enum BodyError {
 }
 
 impl KnownBody {
-    /// A planet or the Moon. Its height is known to [`limb_heights_m`].
+    /// A planet or the Moon. Its limb heights are known.
     ///
     /// # Errors
     /// It is too flat for an unknown attitude.

@@ -93,7 +93,7 @@ const NONE: u32 = u32::MAX;
 
 /// Work space of one thread.
 #[derive(Default)]
-pub(crate) struct Bench {
+pub(crate) struct PixelWork {
     /// Of the tile's triangles those that are seen; for each triangle its place among them, or `NONE`.
     facets: Vec<Facet>,
     facet_of: Vec<u32>,
@@ -139,7 +139,7 @@ pub(crate) struct View<'a> {
     pub pixel: u32,
 }
 
-impl Bench {
+impl PixelWork {
     /// Turns to a tile of `triangles` triangles.
     pub(crate) fn begin(&mut self, triangles: usize) {
         self.facets.clear();

@@ -5,7 +5,7 @@ use glam::DVec2;
 use super::Listed;
 use super::Listing;
 use super::frame::{Prepared, Tile};
-use super::pixels::{Bench, Pixel, View, disc_points, square_point};
+use super::pixels::{Pixel, PixelWork, View, disc_points, square_point};
 use super::rays::LANES;
 use super::visibility::{Draw, Samples, Setup};
 use crate::Quality;
@@ -41,7 +41,7 @@ pub(crate) struct TileWork {
     setups: Vec<Setup>,
     /// What is to be drawn: see [`Draw`].
     runs: Vec<[u32; 3]>,
-    bench: Bench,
+    pixels: PixelWork,
 }
 
 /// Reference of a tile: where lines of sight are counted from.
@@ -89,7 +89,7 @@ impl TileWork {
             }
             self.setups.push(setup);
         }
-        self.bench.begin(self.setups.len());
+        self.pixels.begin(self.setups.len());
         frame.level.run(Draw { samples: &mut self.samples, setups: &self.setups, runs: &self.runs });
         let mut view = View {
             frame,
@@ -103,7 +103,7 @@ impl TileWork {
         let mut out = Vec::with_capacity(width * height);
         for local in 0..width * height {
             view.pixel = pixel_number(frame, &tile, local as u32);
-            out.push(self.bench.first(&view, local * n..(local + 1) * n));
+            out.push(self.pixels.first(&view, local * n..(local + 1) * n));
         }
         out
     }
@@ -165,7 +165,7 @@ impl TileWork {
             }
             self.setups.extend(setup);
         }
-        self.bench.begin(self.setups.len());
+        self.pixels.begin(self.setups.len());
         frame.level.run(Draw { samples: &mut self.samples, setups: &self.setups, runs: &self.runs });
         let points = disc_points(n as u32);
         let mut view = View {
@@ -179,7 +179,7 @@ impl TileWork {
         };
         for (slot, &local) in chosen.iter().enumerate() {
             view.pixel = pixel_number(frame, &tile, local);
-            let planes = self.bench.refined(&view, slot * n..(slot + 1) * n);
+            let planes = self.pixels.refined(&view, slot * n..(slot + 1) * n);
             out.push((local, Pixel { planes, ..Pixel::SKY }));
         }
     }
