@@ -83,7 +83,7 @@ fn shade_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-/// Rays from two places of each pixel in doubt to the rim of the Sun.
+/// Rays from one place of each pixel in doubt to the rim of the Sun.
 @compute @workgroup_size(64)
 fn probe_shadows(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= atomicLoad(&work.counts[LIST_SHADOW]) {
@@ -92,16 +92,11 @@ fn probe_shadows(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = listed_pixel(LIST_SHADOW, id.x);
     let at = vec2<u32>(pixel % frame.size_px.x, pixel / frame.size_px.x);
     let corner = vec2<i32>((at - frame.region_origin_px) * frame.grid);
-    var found = 0u;
-    for (var k = 0u; k < 2u; k++) {
-        let cell = vec2<u32>(k * (frame.grid - 1u));
-        let triangle = seen(corner + vec2<i32>(cell)) - 1u;
-        let body = body_of(triangle);
-        let ray = pixel_ray(body, first_pass_position(at, cell));
-        let sample = shade(triangle, ray, 1.0 / f32(frame.grid), Sunlight(0u, 1u, 1u, 0.0, SUN_PROBED));
-        found |= select(IN_LIGHT | IN_DARK, select(IN_LIGHT, IN_DARK, sample.shadow == 1.0), fract(sample.shadow) == 0.0);
-    }
-    light[pixel] = found;
+    let triangle = seen(corner) - 1u;
+    let body = body_of(triangle);
+    let ray = pixel_ray(body, first_pass_position(at, vec2<u32>(0u)));
+    let sample = shade(triangle, ray, 1.0 / f32(frame.grid), Sunlight(0u, 1u, 1u, 0.0, SUN_PROBED));
+    light[pixel] = select(IN_LIGHT | IN_DARK, select(IN_LIGHT, IN_DARK, sample.shadow == 1.0), fract(sample.shadow) == 0.0);
     note_cut_short();
 }
 

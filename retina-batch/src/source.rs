@@ -112,13 +112,9 @@ impl FrameSource {
             return Ok((source, None));
         }
         let (opened, mut fallback) = open(choice)?;
-        let mut backend = "native";
+        let is_reference = matches!(opened, Opened::Cpu);
         let models = match opened {
-            Opened::Native => models,
-            Opened::Cpu => {
-                backend = "cpu";
-                models
-            }
+            Opened::Native | Opened::Cpu => models,
             Opened::Gpu(device) => {
                 // The scene may not fit the adapter: then the native renderer still needs the bodies.
                 let kept = (choice == BackendChoice::Auto).then(|| models.clone());
@@ -135,10 +131,10 @@ impl FrameSource {
             }
         };
         let waiting = VecDeque::new();
-        let renderer = if backend == "cpu" {
-            Renderer::Cpu(CpuRenderer::new(models, quality.into(), plan.planes), waiting)
+        let (backend, renderer) = if is_reference {
+            ("cpu", Renderer::Cpu(CpuRenderer::new(models, quality.into(), plan.planes), waiting))
         } else {
-            Renderer::Native(NativeRenderer::new(&models, quality, plan.planes), waiting)
+            ("native", Renderer::Native(NativeRenderer::new(&models, quality, plan.planes), waiting))
         };
         let resampler = plan.resampling.clone().map(|(map, canvas)| Resampler::new(map, canvas));
         Ok((Self { renderer, plan: plan.clone(), resampler, name: AdapterName::own(backend) }, fallback))

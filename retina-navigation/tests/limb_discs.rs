@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{Disc, add_noise, camera, distance_squared};
+use common::{Disc, add_noise, distance_squared};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
@@ -34,7 +34,7 @@ struct Draw {
 /// A disc at a random place, phase, Sun and blur, solved.
 fn draw(seed: u64, body: &LimbBody, shading: f64) -> Result<Draw, Refusal> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let pinhole = camera(3000.0, SIZE);
+    let pinhole = Pinhole::centred(3000.0, SIZE);
     let radius_px = uniform(&mut random, 45.0, 100.0);
     let at = [uniform(&mut random, 120.0, 200.0), uniform(&mut random, 120.0, 160.0)];
     let truth = position(&pinhole, radius_px, at);
@@ -108,7 +108,7 @@ fn discs_of_an_ellipsoid_are_found_within_their_covariance() {
 /// Without the Sun's direction: phases of 0 to 15 deg, shaded or not.
 fn nearly_full(seed: u64, phase_known: bool) -> Result<Draw, Refusal> {
     let mut random = ChaCha8Rng::seed_from_u64(7000 + seed);
-    let pinhole = camera(3000.0, SIZE);
+    let pinhole = Pinhole::centred(3000.0, SIZE);
     let radius_px = uniform(&mut random, 45.0, 100.0);
     let at = [uniform(&mut random, 120.0, 200.0), uniform(&mut random, 120.0, 160.0)];
     let body = LimbBody::sphere(RADIUS_M);

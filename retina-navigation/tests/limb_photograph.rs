@@ -2,14 +2,12 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may fail")]
 
-mod common;
-
 use std::path::Path;
 
-use common::camera;
 use glam::{DMat3, DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
+use retina_geometry::Pinhole;
 use retina_image::{CameraImage, ReadOptions};
 use retina_navigation::limb::{LimbBody, LimbCamera, LimbOptions, LimbPoint, LimbSolution, solve_limb};
 
@@ -28,7 +26,7 @@ fn photograph() -> Option<CameraImage> {
 }
 
 fn solve(image: &CameraImage) -> LimbSolution {
-    let camera = LimbCamera::pinhole(camera(25.0e3 / 3.45, [2048, 1536]));
+    let camera = LimbCamera::pinhole(Pinhole::centred(25.0e3 / 3.45, [2048, 1536]));
     solve_limb(image, &camera, &LimbBody::sphere(1_737_400.0), &LimbOptions::default()).unwrap()
 }
 

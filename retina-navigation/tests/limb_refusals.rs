@@ -4,19 +4,19 @@
 
 mod common;
 
-use common::{Disc, add_noise, camera};
+use common::{Disc, add_noise};
 use glam::DVec2;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
 use rayon::prelude::*;
-use retina_geometry::LimbEllipse;
+use retina_geometry::{LimbEllipse, Pinhole};
 use retina_image::CameraImage;
 use retina_navigation::limb::{LimbBody, LimbCamera, LimbOptions, LimbSolution, Refusal, solve_limb};
 
 const SIZE: [u32; 2] = [240, 200];
 
 fn solve(image: &CameraImage) -> Result<LimbSolution, Refusal> {
-    let camera = LimbCamera::pinhole(camera(3000.0, SIZE));
+    let camera = LimbCamera::pinhole(Pinhole::centred(3000.0, SIZE));
     solve_limb(image, &camera, &LimbBody::sphere(1.7374e6), &LimbOptions::default())
 }
 

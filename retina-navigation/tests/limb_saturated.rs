@@ -4,12 +4,12 @@
 
 mod common;
 
-use common::{Disc, add_noise, camera};
+use common::{Disc, add_noise};
 use glam::DVec2;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
 use rayon::prelude::*;
-use retina_geometry::LimbEllipse;
+use retina_geometry::{LimbEllipse, Pinhole};
 use retina_navigation::limb::{LimbBody, LimbCamera, LimbOptions, solve_limb};
 
 const SIZE: [u32; 2] = [128, 128];
@@ -40,7 +40,7 @@ fn a_disc_with_a_third_of_its_limb_saturated_keeps_its_place() {
             let full = clipped.values.iter().filter(|value| **value >= 4095.0).count();
             assert!(full > 300, "{full} saturated pixels");
             // Of a sphere so small in a camera so long the outline is the disc.
-            let camera = LimbCamera::pinhole(camera(2.0e4, SIZE));
+            let camera = LimbCamera::pinhole(Pinhole::centred(2.0e4, SIZE));
             let options =
                 LimbOptions { sun_direction_px: Some(DVec2::from_angle(sun_rad)), ..LimbOptions::default() };
             let body = LimbBody::sphere(1.7374e6);

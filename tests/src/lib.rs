@@ -36,15 +36,7 @@ pub fn sphere(radius_m: f64, cells: u32) -> Body {
 
 /// A square pinhole image with the principal point in its middle.
 pub fn square_image(side_px: u32, focal_px: f64) -> Pinhole {
-    let middle = f64::from(side_px) / 2.0;
-    Pinhole {
-        fx_px: focal_px,
-        fy_px: focal_px,
-        cx_px: middle,
-        cy_px: middle,
-        width_px: side_px,
-        height_px: side_px,
-    }
+    Pinhole::centred(focal_px, [side_px; 2])
 }
 
 /// A body in front of the camera, turned by `turn`, lit from the direction `sun_camera`.

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use crate::image::ImageResult;
 
-/// One matched star a row, brightest point first; nothing but the header of an image that is not solved.
+/// One matched star a row, brightest point first; the header alone where nothing is solved, which the command does not write.
 pub fn matches_csv(result: &ImageResult) -> String {
     let mut text = String::from(
         "id,magnitude,ra_deg,dec_deg,camera_x_px,camera_y_px,residual_x_arcsec,residual_y_arcsec,flux_dn,saturated\n",

@@ -5,20 +5,8 @@
 use glam::{DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
-use retina_geometry::{LimbEllipse, Pinhole};
+use retina_geometry::LimbEllipse;
 use retina_image::CameraImage;
-
-/// A camera of square pixels.
-pub(crate) fn camera(focal_px: f64, [width_px, height_px]: [u32; 2]) -> Pinhole {
-    Pinhole {
-        fx_px: focal_px,
-        fy_px: focal_px,
-        cx_px: f64::from(width_px) / 2.0,
-        cy_px: f64::from(height_px) / 2.0,
-        width_px,
-        height_px,
-    }
-}
 
 /// How a disc is drawn.
 #[derive(Clone, Copy)]

@@ -1,12 +1,10 @@
 //! A frame made ready: bodies placed before the camera, and their triangles sorted into tiles of the image.
 
-use glam::{DVec2, DVec3, Mat3, Vec2, Vec3};
+use glam::{DVec2, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 use retina_radiometry::{Photometry, sun_angular_radius_rad, sun_irradiance_w_m2_nm};
 
 use super::level::Level;
-use super::pixels::disc_points;
-use super::tiles::Sampling;
 use crate::FrameState;
 use crate::arrays::SceneArrays;
 use crate::frame::contrast_reference;
@@ -53,6 +51,19 @@ pub(crate) struct Tile {
     pub size: [u32; 2],
 }
 
+impl Tile {
+    /// A pixel from the tile's corner, by its number in the tile.
+    pub(crate) fn offset(&self, local: u32) -> [u32; 2] {
+        [local % self.size[0], local / self.size[0]]
+    }
+
+    /// A pixel in the image, by its number in the tile.
+    pub(crate) fn pixel(&self, local: u32) -> [u32; 2] {
+        let [x, y] = self.offset(local);
+        [self.origin[0] + x, self.origin[1] + y]
+    }
+}
+
 /// A triangle in a tile: which one, and the pixels of the tile that it may touch, both ends included.
 #[derive(Clone, Copy)]
 pub(crate) struct Binned {
@@ -67,8 +78,6 @@ pub(crate) struct Prepared<'a> {
     pub state: &'a FrameState,
     pub region: Region,
     pub placed: Vec<Placed<'a>>,
-    /// Points of the Sun's disc that a pixel in doubt looks at first.
-    pub probe_points: Vec<Vec2>,
     pub level: Level,
     pub inverse_focal_px: [f32; 2],
     /// Depth from which depths are counted, so that f32 suffices, m.
@@ -88,11 +97,11 @@ impl<'a> Prepared<'a> {
         photometry: &'a [Photometry],
         state: &'a FrameState,
         region: Region,
-        sampling: &Sampling,
+        contrast: f64,
         level: Level,
     ) -> Self {
         let placed = (0..state.bodies.len())
-            .map(|body| Placed::new(state, arrays, &photometry[body], body, sampling.contrast))
+            .map(|body| Placed::new(state, arrays, &photometry[body], body, contrast))
             .collect();
         let small = (0..state.bodies.len())
             .filter_map(|body| small_disc(state, body, arrays.ranges[body].bounding_radius_m))
@@ -101,13 +110,11 @@ impl<'a> Prepared<'a> {
         let tiles = region.size.map(|side| side.div_ceil(TILE));
         let (starts, binned) = bin(arrays, &projected, region, tiles, state.distortion.is_some());
         let reference_depth_m = state.bodies.first().map_or(0.0, |body| body.position_camera_m.z);
-        let probe_points = disc_points(sampling.probes);
         Self {
             arrays,
             state,
             region,
             placed,
-            probe_points,
             level,
             inverse_focal_px: [(1.0 / state.image.fx_px) as f32, (1.0 / state.image.fy_px) as f32],
             reference_depth_m,

@@ -19,6 +19,7 @@ mod texture;
 mod tiles;
 mod visibility;
 
+use glam::DVec2;
 use rayon::prelude::*;
 use retina_radiometry::Photometry;
 
@@ -35,7 +36,7 @@ use tiles::{Sampling, TileWork};
 pub struct NativeRenderer {
     arrays: SceneArrays,
     photometry: Vec<Photometry>,
-    quality: Quality,
+    sampling: Sampling,
     planes: Planes,
     level: Level,
 }
@@ -44,7 +45,13 @@ impl NativeRenderer {
     /// Prepares the bodies: the hierarchy that rays walk, and how high the relief stands everywhere.
     pub fn new(models: &[BodyModel], quality: Quality, planes: Planes) -> Self {
         let photometry = models.iter().map(|model| model.photometry).collect();
-        Self { arrays: SceneArrays::new(models), photometry, quality, planes, level: Level::detect() }
+        Self {
+            arrays: SceneArrays::new(models),
+            photometry,
+            sampling: Sampling::of(quality),
+            planes,
+            level: Level::detect(),
+        }
     }
 
     /// The same renderer without the processor's wider vectors: slower, the same bytes.
@@ -76,19 +83,19 @@ impl NativeRenderer {
             photocentre_px: None,
         };
         let Some(region) = placing::region(state, &self.arrays.ranges) else { return image };
-        let sampling = Sampling::of(self.quality);
-        let frame = Prepared::new(&self.arrays, &self.photometry, state, region, &sampling, self.level);
+        let (sampling, level) = (&self.sampling, self.level);
+        let frame = Prepared::new(&self.arrays, &self.photometry, state, region, sampling.contrast, level);
         let layers = self.planes == Planes::Layers;
         let tiles: Vec<Vec<Pixel>> = (0..frame.tile_count())
             .into_par_iter()
-            .map_init(TileWork::default, |work, tile| work.first_pass(&frame, tile, &sampling, layers))
+            .map_init(TileWork::default, |work, tile| work.first_pass(&frame, tile, sampling, layers))
             .collect();
         let lists = list(&frame, &tiles);
         let refined: Vec<Vec<(u32, Pixel)>> = lists
             .par_iter()
             .enumerate()
             .map_init(TileWork::default, |work, (tile, list)| {
-                work.second_pass(&frame, tile, list, &sampling, layers)
+                work.second_pass(&frame, tile, list, sampling, layers)
             })
             .collect();
         let planes = self.planes.count();
@@ -100,7 +107,7 @@ impl NativeRenderer {
         for (index, tile_pixels) in tiles.iter().enumerate() {
             let tile = frame.tile(index);
             let at = |local: u32| {
-                let (x, y) = (tile.origin[0] + local % tile.size[0], tile.origin[1] + local / tile.size[0]);
+                let [x, y] = tile.pixel(local);
                 y as usize * width as usize + x as usize
             };
             for (local, pixel) in (0u32..).zip(tile_pixels) {
@@ -162,8 +169,10 @@ fn list(frame: &Prepared<'_>, tiles: &[Vec<Pixel>]) -> Vec<Vec<Listed>> {
             let tile = frame.tile(index);
             let mut out = Vec::new();
             for (local, pixel) in (0u32..).zip(&tiles[index]) {
-                let x = (tile.origin[0] - frame.region.origin[0] + local % tile.size[0]) as usize;
-                let y = (tile.origin[1] - frame.region.origin[1] + local / tile.size[0]) as usize;
+                let [column, row] = tile.pixel(local);
+                let x = (column - frame.region.origin[0]) as usize;
+                let y = (row - frame.region.origin[1]) as usize;
+                let middle = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
                 let (mut edge, mut light) = (pixel.owner == Owner::Mixed, pixel.light.0);
                 for row in y.saturating_sub(1)..=(y + 1).min(high - 1) {
                     for at in row * wide + x.saturating_sub(1)..=row * wide + (x + 1).min(wide - 1) {
@@ -171,12 +180,8 @@ fn list(frame: &Prepared<'_>, tiles: &[Vec<Pixel>]) -> Vec<Vec<Listed>> {
                         light |= lights[at].0;
                     }
                 }
-                edge |= frame.small.iter().any(|(centre, radius)| {
-                    let at = tile.origin.map(f64::from);
-                    let (dx, dy) = (f64::from(local % tile.size[0]), f64::from(local / tile.size[0]));
-                    let place = glam::DVec2::new(at[0] + dx + 0.5, at[1] + dy + 0.5);
-                    place.distance(*centre) < radius + 1.0
-                });
+                // A body of a few pixels may slip between all samples.
+                edge |= frame.small.iter().any(|(centre, radius)| middle.distance(*centre) < radius + 1.0);
                 let what = if edge {
                     Listing::Edge
                 } else if pixel.owner == Owner::Sky {

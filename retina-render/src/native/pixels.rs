@@ -133,8 +133,8 @@ pub(crate) struct View<'a> {
     /// The tile's reference line of sight.
     pub sight: [f32; 2],
     pub layers: bool,
-    /// Points of the Sun's disc, as many as a pixel has samples.
-    pub disc_points: &'a [Vec2],
+    /// Points of the Sun's disc that the pixel looks at.
+    pub sun_points: &'a [Vec2],
     /// The pixel's number in the image.
     pub pixel: u32,
 }
@@ -237,7 +237,7 @@ impl PixelWork {
     /// are as well known as a sample can be.
     fn probe(&mut self, view: &View<'_>, run: &std::ops::Range<usize>, count: u32) -> Sunlit {
         let turn = pixel_turn(view.pixel);
-        let points = &view.frame.probe_points;
+        let points = view.sun_points;
         self.find_sun_axes(view);
         let step = (count / points.len() as u32).max(1);
         self.rays.clear();
@@ -338,7 +338,7 @@ impl PixelWork {
                 // One point of the Sun's disc a sample, from all over the disc for neighbouring samples.
                 Light::Doubt { .. } => {
                     let point = sample.wrapping_mul(37) & (count - 1);
-                    self.aim(view, &run, sample, turn.rotate(view.disc_points[point as usize]));
+                    self.aim(view, &run, sample, turn.rotate(view.sun_points[point as usize]));
                 }
             }
         }

@@ -1,6 +1,6 @@
 //! The two passes over a tile.
 
-use glam::DVec2;
+use glam::{DVec2, Vec2};
 
 use super::Listed;
 use super::Listing;
@@ -10,13 +10,31 @@ use super::rays::LANES;
 use super::visibility::{Draw, Samples, Setup};
 use crate::Quality;
 
-/// How many samples pixels get, as powers of two.
+/// Where the samples of a pixel lie, and which points of the Sun's disc its rays go to.
+pub(crate) struct Pattern {
+    /// Within the pixel, 0..1.
+    places: Vec<[f32; 2]>,
+    /// Within the unit disc: one for each sample, or fewer where only some samples look at the Sun.
+    sun_points: Vec<Vec2>,
+}
+
+impl Pattern {
+    fn new(samples_log2: u32, sun_points: u32) -> Self {
+        let places = (0..1 << samples_log2).map(|k| square_point(k, samples_log2).to_array()).collect();
+        Self { places, sun_points: disc_points(sun_points) }
+    }
+
+    fn of_samples(samples_log2: u32) -> Self {
+        Self::new(samples_log2, 1 << samples_log2)
+    }
+}
+
+/// How pixels are sampled.
 pub(crate) struct Sampling {
-    first_log2: u32,
-    /// Rays of a pixel of the first pass where there is doubt about the Sun.
-    pub(crate) probes: u32,
-    edge_log2: u32,
-    inner_log2: u32,
+    /// All of them; its Sun points are those of a pixel where there is doubt about the Sun.
+    first: Pattern,
+    edge: Pattern,
+    inner: Pattern,
     /// A pixel is refined when its fragments differ by more than this part of the body's mean radiance factor: its
     /// samples give their areas to some per cent.
     pub(crate) contrast: f64,
@@ -24,12 +42,16 @@ pub(crate) struct Sampling {
 
 impl Sampling {
     pub(crate) fn of(quality: Quality) -> Self {
-        match quality {
-            Quality::Draft => Self { first_log2: 2, probes: 4, edge_log2: 5, inner_log2: 4, contrast: 0.5 },
-            Quality::Default => {
-                Self { first_log2: 4, probes: 8, edge_log2: 8, inner_log2: 6, contrast: 0.03 }
-            }
-            Quality::Best => Self { first_log2: 6, probes: 16, edge_log2: 8, inner_log2: 8, contrast: 0.01 },
+        let (first_log2, probes, edge_log2, inner_log2, contrast) = match quality {
+            Quality::Draft => (2, 4, 5, 4, 0.5),
+            Quality::Default => (4, 8, 8, 6, 0.03),
+            Quality::Best => (6, 16, 8, 8, 0.01),
+        };
+        Self {
+            first: Pattern::new(first_log2, probes),
+            edge: Pattern::of_samples(edge_log2),
+            inner: Pattern::of_samples(inner_log2),
+            contrast,
         }
     }
 }
@@ -74,10 +96,9 @@ impl TileWork {
             return vec![Pixel::SKY; width * height];
         }
         let reference = Reference::of(frame, &tile);
-        let n = 1usize << sampling.first_log2;
-        self.samples.clear(width * height * n);
-        let all = (0..(width * height) as u32).enumerate();
-        self.place(frame, &tile, &reference, sampling.first_log2, all);
+        let n = sampling.first.places.len();
+        let all = 0..(width * height) as u32;
+        self.place(frame, &tile, &reference, &sampling.first, all);
         self.setups.clear();
         self.runs.clear();
         for triangle in triangles {
@@ -89,21 +110,11 @@ impl TileWork {
             }
             self.setups.push(setup);
         }
-        self.pixels.begin(self.setups.len());
-        frame.level.run(Draw { samples: &mut self.samples, setups: &self.setups, runs: &self.runs });
-        let mut view = View {
-            frame,
-            setups: &self.setups,
-            samples: &self.samples,
-            sight: reference.sight.as_vec2().to_array(),
-            layers,
-            disc_points: &[],
-            pixel: 0,
-        };
+        let (mut view, pixels) = self.view(frame, &reference, &sampling.first, layers);
         let mut out = Vec::with_capacity(width * height);
         for local in 0..width * height {
             view.pixel = pixel_number(frame, &tile, local as u32);
-            out.push(self.pixels.first(&view, local * n..(local + 1) * n));
+            out.push(pixels.first(&view, local * n..(local + 1) * n));
         }
         out
     }
@@ -118,12 +129,12 @@ impl TileWork {
         layers: bool,
     ) -> Vec<(u32, Pixel)> {
         let mut out = Vec::with_capacity(list.len());
-        for (what, n_log2) in [(Listing::Edge, sampling.edge_log2), (Listing::Inner, sampling.inner_log2)] {
+        for (what, pattern) in [(Listing::Edge, &sampling.edge), (Listing::Inner, &sampling.inner)] {
             let chosen: Vec<u32> =
                 list.iter().filter(|listed| listed.what == what).map(|listed| listed.local).collect();
             // A few at a time, so that their samples stay near the processor.
             for some in chosen.chunks(64) {
-                self.sample_again(frame, index, some, n_log2, layers, &mut out);
+                self.sample_again(frame, index, some, pattern, layers, &mut out);
             }
         }
         out
@@ -134,15 +145,14 @@ impl TileWork {
         frame: &Prepared<'_>,
         index: usize,
         chosen: &[u32],
-        n_log2: u32,
+        pattern: &Pattern,
         layers: bool,
         out: &mut Vec<(u32, Pixel)>,
     ) {
         let tile = frame.tile(index);
         let reference = Reference::of(frame, &tile);
-        let n = 1usize << n_log2;
-        self.samples.clear(chosen.len() * n);
-        self.place(frame, &tile, &reference, n_log2, chosen.iter().copied().enumerate());
+        let n = pattern.places.len();
+        self.place(frame, &tile, &reference, pattern, chosen.iter().copied());
         // For each row the listed pixels in it, by their order in `chosen`.
         let width = tile.size[0];
         let mut rows: Vec<Vec<(u8, usize)>> = vec![Vec::new(); tile.size[1] as usize];
@@ -165,45 +175,50 @@ impl TileWork {
             }
             self.setups.extend(setup);
         }
-        self.pixels.begin(self.setups.len());
-        frame.level.run(Draw { samples: &mut self.samples, setups: &self.setups, runs: &self.runs });
-        let points = disc_points(n as u32);
-        let mut view = View {
-            frame,
-            setups: &self.setups,
-            samples: &self.samples,
-            sight: reference.sight.as_vec2().to_array(),
-            layers,
-            disc_points: &points,
-            pixel: 0,
-        };
+        let (mut view, pixels) = self.view(frame, &reference, pattern, layers);
         for (slot, &local) in chosen.iter().enumerate() {
             view.pixel = pixel_number(frame, &tile, local);
-            let planes = self.pixels.refined(&view, slot * n..(slot + 1) * n);
+            let planes = pixels.refined(&view, slot * n..(slot + 1) * n);
             out.push((local, Pixel { planes, ..Pixel::SKY }));
         }
     }
 
-    /// Sets the samples' lines of sight: those of the pixel in slot k begin at k * 2^n_log2.
+    /// Draws what is to be drawn. Gives the samples as pixels are to see them, and the work space for that.
+    fn view<'a>(
+        &'a mut self,
+        frame: &'a Prepared<'a>,
+        reference: &Reference,
+        pattern: &'a Pattern,
+        layers: bool,
+    ) -> (View<'a>, &'a mut PixelWork) {
+        let Self { samples, setups, runs, pixels } = self;
+        frame.level.run(Draw { samples, setups, runs });
+        pixels.begin(setups.len());
+        let sight = reference.sight.as_vec2().to_array();
+        let sun_points = &pattern.sun_points;
+        (View { frame, setups, samples, sight, layers, sun_points, pixel: 0 }, pixels)
+    }
+
+    /// Sets the samples' lines of sight, those of one pixel after those of another.
     fn place(
         &mut self,
         frame: &Prepared<'_>,
         tile: &Tile,
         reference: &Reference,
-        n_log2: u32,
-        pixels: impl Iterator<Item = (usize, u32)>,
+        pattern: &Pattern,
+        pixels: impl ExactSizeIterator<Item = u32>,
     ) {
-        let n = 1usize << n_log2;
-        let points: Vec<[f32; 2]> = (0..n as u32).map(|k| square_point(k, n_log2).to_array()).collect();
+        let n = pattern.places.len();
+        self.samples.clear(pixels.len() * n);
         let [inverse_fx, inverse_fy] = frame.inverse_focal_px;
         // From the tile's middle to its corner.
         let corner = DVec2::new(f64::from(tile.origin[0]), f64::from(tile.origin[1])) - reference.centre_px;
         let (corner_x, corner_y) = (corner.x as f32, corner.y as f32);
-        for (slot, local) in pixels {
-            let (x, y) = ((local % tile.size[0]) as f32, (local / tile.size[0]) as f32);
+        for (slot, local) in pixels.enumerate() {
+            let [x, y] = tile.offset(local).map(|offset| offset as f32);
             let run = slot * n..(slot + 1) * n;
             let places = self.samples.x[run.clone()].iter_mut().zip(&mut self.samples.y[run]);
-            for ((to_x, to_y), [px, py]) in places.zip(&points) {
+            for ((to_x, to_y), [px, py]) in places.zip(&pattern.places) {
                 *to_x = (corner_x + x + px) * inverse_fx;
                 *to_y = (corner_y + y + py) * inverse_fy;
             }
@@ -264,7 +279,6 @@ fn bend(
 
 /// A pixel's number in the image.
 fn pixel_number(frame: &Prepared<'_>, tile: &Tile, local: u32) -> u32 {
-    (tile.origin[1] + local / tile.size[0]) * frame.state.image.width_px
-        + tile.origin[0]
-        + local % tile.size[0]
+    let [x, y] = tile.pixel(local);
+    y * frame.state.image.width_px + x
 }
