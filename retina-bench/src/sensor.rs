@@ -110,17 +110,21 @@ impl Sensor {
         let mut dn = vec![0u16; width * height];
         let key = hash::mix(seed ^ hash::mix(frame));
         let noise_of = |y: usize| Noise::new(hash::mix(key ^ hash::mix(y as u64)));
+        // With the processor's widest registers: the numbers are the same.
+        let arch = pulp::Arch::new();
         let expose = |y: usize, noise: &mut Noise, charge: &mut [f32]| {
             self.mean_charge(y, light_e, exposure_s, warm, charge);
-            charge.iter_mut().for_each(|value| *value = noise.poisson(*value));
+            noise.poisson(charge);
         };
         if self.blooming == 0.0 {
             dn.par_chunks_exact_mut(width).enumerate().for_each_init(
-                || vec![0f32; width],
-                |charge, (y, row)| {
+                || [vec![0f32; width], vec![0f32; width]],
+                |[charge, normals], (y, row)| {
                     let mut noise = noise_of(y);
-                    expose(y, &mut noise, charge);
-                    self.digitise(y, charge, &mut noise, row);
+                    arch.dispatch(|| {
+                        expose(y, &mut noise, charge);
+                        self.digitise(y, charge, &mut noise, normals, row);
+                    });
                 },
             );
             return dn;
@@ -130,22 +134,24 @@ impl Sensor {
             .into_par_iter()
             .map(|y| {
                 let (mut noise, mut charge) = (noise_of(y), vec![0f32; width]);
-                expose(y, &mut noise, &mut charge);
+                arch.dispatch(|| expose(y, &mut noise, &mut charge));
                 (charge, noise)
             })
             .unzip();
         for x in 0..width {
             self.bloom(&mut charge, x);
         }
-        dn.par_chunks_exact_mut(width)
-            .zip(charge)
-            .zip(&mut noises)
-            .enumerate()
-            .for_each(|(y, ((row, charge), noise))| self.digitise(y, &charge, noise, row));
+        dn.par_chunks_exact_mut(width).zip(charge).zip(&mut noises).enumerate().for_each_init(
+            || vec![0f32; width],
+            |normals, (y, ((row, charge), noise))| {
+                arch.dispatch(|| self.digitise(y, &charge, noise, normals, row));
+            },
+        );
         dn
     }
 
     /// Mean electrons of row `y`: light, stray light, dark current.
+    #[inline(always)]
     fn mean_charge(&self, y: usize, light_e: &[f32], exposure_s: f64, warm: f32, mean: &mut [f32]) {
         let [width, height] = self.size_px;
         let row = y * width..(y + 1) * width;
@@ -166,19 +172,22 @@ impl Sensor {
         }
     }
 
-    /// Digital numbers of a row's charge.
-    fn digitise(&self, y: usize, charge: &[f32], noise: &mut Noise, dn: &mut [u16]) {
+    /// Digital numbers of a row's charge; `normals` is work space.
+    #[inline(always)]
+    fn digitise(&self, y: usize, charge: &[f32], noise: &mut Noise, normals: &mut [f32], dn: &mut [u16]) {
+        noise.normals(normals);
         let full = self.full_well_e as f32;
         let bend = (self.nonlinearity / self.full_well_e) as f32;
         let (read, per_e) = (self.read_noise_e as f32, (1.0 / self.gain_e_per_dn) as f32);
         // Half a number more: what follows rounds down.
         let (offset, largest) = (self.offset_dn as f32 + 0.5, self.largest_dn as f32);
         let offsets = &self.offset_e[y * dn.len()..];
-        for ((dn, charge), offset_e) in dn.iter_mut().zip(charge).zip(offsets) {
+        for (((dn, charge), normal), offset_e) in dn.iter_mut().zip(charge).zip(normals).zip(offsets) {
             let held = charge.min(full);
             let bent = held * (1.0 + bend * held);
-            let volts = bent + offset_e + read * noise.normal();
-            *dn = (volts * per_e + offset).min(largest) as u16;
+            let volts = bent + offset_e + read * *normal;
+            // A cast to 16 bits at once is no vector.
+            *dn = (volts * per_e + offset).clamp(0.0, largest) as i32 as u16;
         }
     }
 

@@ -21,12 +21,14 @@ struct Patch {
 
 /// Adds the images of sources to an image of electrons.
 pub(super) fn add(image: &mut [f32], size_px: [usize; 2], kernels: &Kernels, sources: &[Source]) {
+    // Cells that blend the same kernels follow each other: those are then still in the processor's cache.
     let cell = |source: &Source| {
         let [x, y] = [source.at_px.x, source.at_px.y].map(|v| (v / CELL_PX).floor() as i64);
-        (y, x, source.channel)
+        let [(node, _), ..] = kernels.blend(source.at_px);
+        (source.channel, node, y, x)
     };
     let mut order: Vec<usize> = (0..sources.len()).collect();
-    order.sort_by_key(|&i| (cell(&sources[i]), i));
+    order.sort_by_cached_key(|&i| (cell(&sources[i]), i));
     let groups: Vec<&[usize]> = order.chunk_by(|&a, &b| cell(&sources[a]) == cell(&sources[b])).collect();
     let arch = pulp::Arch::new();
     // In blocks, so that patches do not pile up; added in their order, so that sums do not depend on threads.

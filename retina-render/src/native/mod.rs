@@ -10,10 +10,12 @@
 //!
 //! Sums run in a fixed order and the arithmetic is the same on every processor: so are the bytes.
 
+mod coverage;
 mod frame;
 mod level;
 mod pixels;
 mod rays;
+mod reads;
 mod shade;
 mod texture;
 mod tiles;

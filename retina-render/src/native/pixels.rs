@@ -1,9 +1,13 @@
 //! A pixel from its samples: fragments, sunlight, means.
 
+use std::ops::Range;
+
 use glam::{Vec2, Vec3};
 
+use super::coverage::{Part, Square};
 use super::frame::Prepared;
 use super::rays::{Blocked, LANES, Packet};
+use super::reads::Reads;
 use super::shade::{Facet, Fragment, Light};
 use super::visibility::{Samples, Setup};
 use crate::PLANE_NAMES;
@@ -88,6 +92,11 @@ struct SunRay {
     direction: Vec3,
 }
 
+/// Parts of a pixel below this are left out, as a share of its area.
+const LEAST_AREA: f32 = 1e-5;
+/// Areas that make up a pixel add to 1 within this: triangles in front of each other, or sky, rarely come closer.
+const AREA_SLACK: f32 = 1e-3;
+
 /// No fragment, no facet.
 const NONE: u32 = u32::MAX;
 
@@ -103,6 +112,7 @@ pub(crate) struct PixelWork {
     /// Of each sample; `NONE` for the sky.
     of_sample: Vec<u32>,
     sums: Vec<([f32; 2], u32, u32)>,
+    parts: Vec<Part>,
     rays: Vec<SunRay>,
     /// Of each sample of the pixel: I/F without the texture, and the part of the Sun that is hidden.
     light: Vec<[f32; 2]>,
@@ -135,8 +145,24 @@ pub(crate) struct View<'a> {
     pub layers: bool,
     /// Points of the Sun's disc that the pixel looks at.
     pub sun_points: &'a [Vec2],
-    /// The pixel's number in the image.
+    pub reads: &'a Reads,
+    /// Where in the pixel its first sample lies, 0..1.
+    pub first_place: [f32; 2],
+    /// The pixel's number in the image, its samples, and its square.
     pub pixel: u32,
+    pub run: Range<usize>,
+    pub square: Square,
+}
+
+impl View<'_> {
+    /// Turns to a pixel.
+    pub(crate) fn turn_to(&mut self, pixel: u32, run: Range<usize>) {
+        let first = [self.samples.x[run.start], self.samples.y[run.start]];
+        let back = self.square.step([0.5 - self.first_place[0], 0.5 - self.first_place[1]]);
+        self.square.middle = [first[0] + back[0], first[1] + back[1]];
+        self.pixel = pixel;
+        self.run = run;
+    }
 }
 
 impl PixelWork {
@@ -147,14 +173,13 @@ impl PixelWork {
         self.facet_of.resize(triangles, NONE);
     }
 
-    /// Parts a pixel's samples into fragments and shades them.
-    fn gather(&mut self, view: &View<'_>, run: std::ops::Range<usize>, count: u32) {
-        self.fragments.clear();
+    /// Parts a pixel's samples into fragments: sum of their places, number, and the triangle's index + 1.
+    fn part(&mut self, view: &View<'_>) {
         self.of_sample.clear();
         self.sums.clear();
         let mut last = 0u32;
         let mut index = NONE;
-        for sample in run {
+        for sample in view.run.clone() {
             let seen = view.samples.seen[sample];
             if seen == 0 {
                 self.of_sample.push(NONE);
@@ -174,34 +199,76 @@ impl PixelWork {
             *samples = samples.wrapping_add(1);
             self.of_sample.push(index);
         }
-        let sample_px = 1.0 / (count as f32).sqrt();
-        for &(sum, samples, seen) in &self.sums {
-            let number = seen.wrapping_sub(1) as usize;
-            let middle = sum.map(|value| value / samples as f32);
-            let (frame, setup) = (view.frame, &view.setups[number]);
-            if self.facet_of[number] == NONE {
-                self.facet_of[number] = self.facets.len() as u32;
+    }
+
+    /// Finds the areas of all triangles that the pixel may see, and adds those that no sample sees; `false`, and nothing
+    /// is added, where they do not make up the pixel: then some hide others, or a part of the pixel is sky.
+    fn measure(&mut self, view: &View<'_>, candidates: &[u32]) -> bool {
+        self.parts.clear();
+        let sampled = self.sums.len();
+        let area = |seen: u32| view.square.part(&view.setups[seen.wrapping_sub(1) as usize]);
+        self.parts.extend(self.sums.iter().map(|&(_, _, seen)| area(seen)));
+        for &candidate in candidates {
+            let seen = candidate.wrapping_add(1);
+            if self.sums[..sampled].iter().all(|&(_, _, number)| number != seen) {
+                let part = area(seen);
+                if part.area > LEAST_AREA {
+                    self.parts.push(part);
+                    self.sums.push(([0.0; 2], 0, seen));
+                }
+            }
+        }
+        let total: f32 = self.parts.iter().map(|part| part.area).sum();
+        let whole = (total - 1.0).abs() < AREA_SLACK;
+        if !whole {
+            self.sums.truncate(sampled);
+        }
+        whole
+    }
+
+    /// Shades the fragments, each in its middle: of its area where that was measured, else of its samples.
+    fn shade(&mut self, view: &View<'_>, measured: bool) {
+        self.fragments.clear();
+        let count = view.run.len() as f32;
+        for (index, &(sum, samples, seen)) in self.sums.iter().enumerate() {
+            let number = seen.wrapping_sub(1);
+            let mut middle = sum.map(|value| value / samples as f32);
+            let mut unsampled = 0.0;
+            if measured {
+                let part = &self.parts[index];
+                unsampled = part.area * count - samples as f32;
+                if part.area > 0.0 {
+                    middle = part.middle;
+                }
+            }
+            let (frame, setup) = (view.frame, &view.setups[number as usize]);
+            let facet = &mut self.facet_of[number as usize];
+            if *facet == NONE {
+                *facet = self.facets.len() as u32;
                 self.facets.push(Facet::new(frame, setup.triangle));
             }
-            let facet = &self.facets[self.facet_of[number] as usize];
-            let (number, sight) = (number as u32, view.sight);
-            let fragment = Fragment::new(frame, setup, facet, number, sight, middle, samples, sample_px);
+            let facet = &self.facets[*facet as usize];
+            let read_px = view.reads.apart_px;
+            let mut fragment =
+                Fragment::new(frame, setup, facet, number, view.sight, middle, samples, read_px);
+            fragment.unsampled = unsampled;
             self.fragments.push(fragment);
         }
     }
 
     /// A pixel of the first pass: shaded as if nothing stood before the Sun, with a packet of rays where it may.
-    pub(crate) fn first(&mut self, view: &View<'_>, run: std::ops::Range<usize>) -> Pixel {
-        let seen = &view.samples.seen[run.clone()];
+    /// `candidates` are the triangles that may touch it.
+    pub(crate) fn first(&mut self, view: &View<'_>, candidates: &[u32]) -> Pixel {
+        let seen = &view.samples.seen[view.run.clone()];
         if seen.iter().all(|&number| number == 0) {
             return Pixel::SKY;
         }
-        let count = run.len() as u32;
-        self.gather(view, run.clone(), count);
+        self.part(view);
+        let sky = self.of_sample.contains(&NONE);
+        let measured = candidates.len() > 1 && !sky && self.measure(view, candidates);
+        self.shade(view, measured);
         let body = self.fragments[0].body;
-        let owner = if self.of_sample.contains(&NONE)
-            || self.fragments.iter().any(|fragment| fragment.body != body)
-        {
+        let owner = if sky || self.fragments.iter().any(|fragment| fragment.body != body) {
             Owner::Mixed
         } else {
             Owner::Body(body)
@@ -214,7 +281,7 @@ impl PixelWork {
         // shadow as a whole.
         let mut again = owner == Owner::Mixed;
         if doubt && !again {
-            let probed = self.probe(view, &run, count);
+            let probed = self.probe(view);
             again = probed.0 & Sunlit::DARK.0 != 0;
             light = Sunlit(light.0 | probed.0);
         }
@@ -226,16 +293,17 @@ impl PixelWork {
             });
             self.light.push(lit);
         }
-        let planes = self.mean(view, run, count);
+        let planes = self.mean(view);
         let values = self.fragments.iter().map(|fragment| fragment.value);
         let (least, most) = values.fold((f32::INFINITY, 0.0f32), |(a, b), v| (a.min(v), b.max(v)));
-        let uneven = most - least > view.frame.placed[body as usize].contrast;
+        let uneven = !measured && most - least > view.frame.placed[body as usize].contrast;
         Pixel { planes, owner, light, uneven }
     }
 
     /// Rays from samples spread over the pixel to points spread over the Sun. Only samples in doubt count: the others
     /// are as well known as a sample can be.
-    fn probe(&mut self, view: &View<'_>, run: &std::ops::Range<usize>, count: u32) -> Sunlit {
+    fn probe(&mut self, view: &View<'_>) -> Sunlit {
+        let count = view.run.len() as u32;
         let turn = pixel_turn(view.pixel);
         let points = view.sun_points;
         self.find_sun_axes(view);
@@ -247,7 +315,7 @@ impl PixelWork {
         for (&point, sample) in points.iter().zip((0..count).step_by(step as usize)) {
             let fragment = self.fragments.get(self.of_sample[sample as usize] as usize);
             if fragment.is_some_and(|fragment| matches!(fragment.light, Light::Doubt { .. })) {
-                below += usize::from(!self.aim(view, run, sample, turn.rotate(point)));
+                below += usize::from(!self.aim(view, sample, turn.rotate(point)));
             }
         }
         let hidden = self.trace(view);
@@ -262,7 +330,7 @@ impl PixelWork {
 
     /// Shades a sample that looks at a point of the Sun's disc, and has a ray wait to be traced; `false` where the point
     /// lies below the horizon.
-    fn aim(&mut self, view: &View<'_>, run: &std::ops::Range<usize>, sample: u32, place: Vec2) -> bool {
+    fn aim(&mut self, view: &View<'_>, sample: u32, place: Vec2) -> bool {
         let index = self.of_sample[sample as usize];
         let Some(fragment) = self.fragments.get(index as usize) else { return false };
         let placed = &view.frame.placed[fragment.body as usize];
@@ -275,7 +343,7 @@ impl PixelWork {
         }
         self.light[sample as usize] = [fragment.radiance_factor(placed, mu0), 0.0];
         let number = fragment.number as usize;
-        let at = run.start + sample as usize;
+        let at = view.run.start + sample as usize;
         let (weights, _) = view.setups[number].weights_and_depth(view.samples.x[at], view.samples.y[at]);
         let point = self.facets[self.facet_of[number] as usize].point(weights);
         let origin = point + fragment.geometric * placed.ray_offset_m;
@@ -320,9 +388,10 @@ impl PixelWork {
     }
 
     /// A pixel sampled anew: each sample looks at its own point of the Sun.
-    pub(crate) fn refined(&mut self, view: &View<'_>, run: std::ops::Range<usize>) -> [f32; PLANES] {
-        let count = run.len() as u32;
-        self.gather(view, run.clone(), count);
+    pub(crate) fn refined(&mut self, view: &View<'_>) -> [f32; PLANES] {
+        let count = view.run.len() as u32;
+        self.part(view);
+        self.shade(view, false);
         self.light.clear();
         self.light.resize(count as usize, [0.0; 2]);
         self.rays.clear();
@@ -338,31 +407,45 @@ impl PixelWork {
                 // One point of the Sun's disc a sample, from all over the disc for neighbouring samples.
                 Light::Doubt { .. } => {
                     let point = sample.wrapping_mul(37) & (count - 1);
-                    self.aim(view, &run, sample, turn.rotate(view.sun_points[point as usize]));
+                    self.aim(view, sample, turn.rotate(view.sun_points[point as usize]));
                 }
             }
         }
         self.trace(view);
-        self.mean(view, run, count)
+        self.mean(view)
     }
 
     /// Radiance, I/F and coverage are means over the pixel, the other planes means over the part of it that a body
     /// covers.
-    fn mean(&mut self, view: &View<'_>, run: std::ops::Range<usize>, count: u32) -> [f32; PLANES] {
+    fn mean(&mut self, view: &View<'_>) -> [f32; PLANES] {
         let mut planes = [0.0f32; PLANES];
-        let (mut radiance, mut factor, mut shadow) = (0.0f32, 0.0f32, 0.0f32);
-        for ((&index, &[value, hidden]), sample) in self.of_sample.iter().zip(&self.light).zip(run) {
-            shadow += hidden;
-            if value > 0.0 {
-                let fragment = &self.fragments[index as usize];
-                let place = [view.samples.x[sample], view.samples.y[sample]];
-                let textured = value * fragment.albedo(view.frame, place);
+        let count = view.run.len() as f32;
+        if self.light.iter().any(|&[value, _]| value > 0.0) {
+            let irradiance =
+                |fragment: &Fragment| view.frame.placed[fragment.body as usize].sun_irradiance_over_pi;
+            let share = 1.0 / view.reads.places.len() as f32;
+            let middle = view.square.middle;
+            let (mut mean_albedo, mut factor, mut radiance) = (0.0, 0.0, 0.0);
+            for &(place, sample) in &view.reads.places {
+                let Some(fragment) = self.fragments.get(self.of_sample[sample as usize] as usize) else {
+                    continue;
+                };
+                let step = view.square.step(place);
+                let albedo = fragment.albedo(view.frame, [middle[0] + step[0], middle[1] + step[1]]) * share;
+                mean_albedo += albedo;
+                let textured = self.light[sample as usize][0] * albedo;
                 factor += textured;
-                radiance += textured * view.frame.placed[fragment.body as usize].sun_irradiance_over_pi;
+                radiance += textured * irradiance(fragment);
             }
+            // What samples get wrong about areas. Reads are spread evenly, so only this part takes the mean albedo.
+            for fragment in self.fragments.iter().filter(|fragment| fragment.unsampled != 0.0) {
+                let textured = fragment.unsampled / count * fragment.value * mean_albedo;
+                factor += textured;
+                radiance += textured * irradiance(fragment);
+            }
+            planes[0] = radiance;
+            planes[1] = factor;
         }
-        planes[0] = radiance / count as f32;
-        planes[1] = factor / count as f32;
         if view.layers {
             let mut hits = 0.0f32;
             let mut normal = Vec3::ZERO;
@@ -376,7 +459,7 @@ impl PixelWork {
                     planes[plane] += weight * cosine.clamp(-1.0, 1.0).acos();
                 }
             }
-            planes[2] = hits / count as f32;
+            planes[2] = hits / count;
             let hits = hits.max(1.0);
             planes[3] /= hits;
             let normal = normal / normal.length().max(1e-20);
@@ -384,7 +467,7 @@ impl PixelWork {
             for plane in 7..10 {
                 planes[plane] = (planes[plane] / hits).to_degrees();
             }
-            planes[10] = shadow / hits;
+            planes[10] = self.light.iter().map(|&[_, hidden]| hidden).sum::<f32>() / hits;
         }
         planes
     }

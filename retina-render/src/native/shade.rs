@@ -124,6 +124,8 @@ pub(crate) struct Fragment {
     pub number: u32,
     pub body: u32,
     pub samples: u32,
+    /// The area that its samples do not stand for, in samples; negative where they stand for too much.
+    pub unsampled: f32,
     pub geometric: Vec3,
     pub normal: Vec3,
     pub sun: Vec3,
@@ -152,7 +154,8 @@ struct Texture {
 }
 
 impl Fragment {
-    /// Shades a triangle at a line of sight, x and y from the tile's reference. A sample is `sample_px` wide.
+    /// Shades a triangle at a line of sight, x and y from the tile's reference. A texture is
+    /// read at places `read_px` apart.
     pub(crate) fn new(
         frame: &Prepared<'_>,
         setup: &Setup,
@@ -161,7 +164,7 @@ impl Fragment {
         sight: [f32; 2],
         [x, y]: [f32; 2],
         samples: u32,
-        sample_px: f32,
+        read_px: f32,
     ) -> Self {
         let arrays = frame.arrays;
         let body = facet.body;
@@ -183,8 +186,8 @@ impl Fragment {
             let uv_y = facet.uv_along(down - along * down.dot(geometric));
             let uv = facet.uv + facet.uv_ab * weight_b + facet.uv_ac * weight_c;
             let footprint = Footprint {
-                along_x: uv_x * (sample_px * frame.inverse_focal_px[0]),
-                along_y: uv_y * (sample_px * frame.inverse_focal_px[1]),
+                along_x: uv_x * (read_px * frame.inverse_focal_px[0]),
+                along_y: uv_y * (read_px * frame.inverse_focal_px[1]),
             };
             if facet.slope_map != NONE {
                 let map = &arrays.maps[facet.slope_map as usize];
@@ -213,6 +216,7 @@ impl Fragment {
             number,
             body,
             samples,
+            unsampled: 0.0,
             geometric,
             normal,
             sun,
@@ -244,7 +248,7 @@ impl Fragment {
         }
     }
 
-    /// Relative albedo at a sample's line of sight. Within a pixel texture coordinates grow evenly.
+    /// Relative albedo at a line of sight. Within a pixel texture coordinates grow evenly.
     pub(crate) fn albedo(&self, frame: &Prepared<'_>, [x, y]: [f32; 2]) -> f32 {
         match &self.texture {
             None => self.albedo_factor,

@@ -4,9 +4,11 @@ use glam::{DVec2, Vec2};
 
 use super::Listed;
 use super::Listing;
-use super::frame::{Prepared, Tile};
+use super::coverage::Square;
+use super::frame::{Binned, Prepared, Tile};
 use super::pixels::{Pixel, PixelWork, View, disc_points, square_point};
 use super::rays::LANES;
+use super::reads::Reads;
 use super::visibility::{Draw, Samples, Setup};
 use crate::Quality;
 
@@ -16,16 +18,23 @@ pub(crate) struct Pattern {
     places: Vec<[f32; 2]>,
     /// Within the unit disc: one for each sample, or fewer where only some samples look at the Sun.
     sun_points: Vec<Vec2>,
+    /// Where textures are read.
+    reads: Reads,
 }
 
 impl Pattern {
-    fn new(samples_log2: u32, sun_points: u32) -> Self {
-        let places = (0..1 << samples_log2).map(|k| square_point(k, samples_log2).to_array()).collect();
-        Self { places, sun_points: disc_points(sun_points) }
+    fn new(samples_log2: u32, sun_points: u32, reads_log2: u32) -> Self {
+        let points = |log2: u32| (0..1 << log2).map(|k| square_point(k, log2)).collect::<Vec<Vec2>>();
+        let (places, reads) = (points(samples_log2), Reads::new(&points(reads_log2), &points(samples_log2)));
+        Self {
+            places: places.iter().map(Vec2::to_array).collect(),
+            sun_points: disc_points(sun_points),
+            reads,
+        }
     }
 
     fn of_samples(samples_log2: u32) -> Self {
-        Self::new(samples_log2, 1 << samples_log2)
+        Self::new(samples_log2, 1 << samples_log2, samples_log2)
     }
 }
 
@@ -33,22 +42,25 @@ impl Pattern {
 pub(crate) struct Sampling {
     /// All of them; its Sun points are those of a pixel where there is doubt about the Sun.
     first: Pattern,
+    /// Whether the areas of triangles within a pixel are measured in the first pass, or counted in samples.
+    measured: bool,
     edge: Pattern,
     inner: Pattern,
-    /// A pixel is refined when its fragments differ by more than this part of the body's mean radiance factor: its
-    /// samples give their areas to some per cent.
+    /// A pixel whose fragments hide each other is refined when they differ by more than this part of the body's mean
+    /// radiance factor: its samples give their areas to some per cent.
     pub(crate) contrast: f64,
 }
 
 impl Sampling {
     pub(crate) fn of(quality: Quality) -> Self {
-        let (first_log2, probes, edge_log2, inner_log2, contrast) = match quality {
-            Quality::Draft => (2, 4, 5, 4, 0.5),
-            Quality::Default => (4, 8, 8, 6, 0.03),
-            Quality::Best => (6, 16, 8, 8, 0.01),
+        let (first_log2, probes, reads_log2, edge_log2, inner_log2, contrast) = match quality {
+            Quality::Draft => (2, 4, 2, 5, 4, 0.5),
+            Quality::Default => (4, 8, 6, 8, 6, 0.03),
+            Quality::Best => (4, 16, 8, 8, 8, 0.01),
         };
         Self {
-            first: Pattern::new(first_log2, probes),
+            first: Pattern::new(first_log2, probes, reads_log2),
+            measured: quality != Quality::Draft,
             edge: Pattern::of_samples(edge_log2),
             inner: Pattern::of_samples(inner_log2),
             contrast,
@@ -63,20 +75,70 @@ pub(crate) struct TileWork {
     setups: Vec<Setup>,
     /// What is to be drawn: see [`Draw`].
     runs: Vec<[u32; 3]>,
+    candidates: Candidates,
     pixels: PixelWork,
+}
+
+/// For each pixel of a tile the triangles that may touch it.
+#[derive(Default)]
+struct Candidates {
+    /// Where a pixel's begin in `numbers`; one more than there are pixels.
+    starts: Vec<u32>,
+    /// Indices of the tile's triangles.
+    numbers: Vec<u32>,
+    next: Vec<u32>,
+}
+
+impl Candidates {
+    fn sort(&mut self, triangles: &[Binned], [width, height]: [usize; 2]) {
+        let each = |visit: &mut dyn FnMut(usize, u32)| {
+            for (number, triangle) in (0u32..).zip(triangles) {
+                for row in triangle.low[1] as usize..=(triangle.high[1] as usize).min(height - 1) {
+                    for column in triangle.low[0] as usize..=(triangle.high[0] as usize).min(width - 1) {
+                        visit(row * width + column, number);
+                    }
+                }
+            }
+        };
+        self.starts.clear();
+        self.starts.resize(width * height + 1, 0);
+        let starts = &mut self.starts;
+        each(&mut |pixel, _| starts[pixel + 1] += 1);
+        for pixel in 0..width * height {
+            starts[pixel + 1] += starts[pixel];
+        }
+        self.next.clone_from(starts);
+        self.numbers.clear();
+        self.numbers.resize(starts[width * height] as usize, 0);
+        let (next, numbers) = (&mut self.next, &mut self.numbers);
+        each(&mut |pixel, number| {
+            numbers[next[pixel] as usize] = number;
+            next[pixel] += 1;
+        });
+    }
+
+    fn of(&self, pixel: usize) -> &[u32] {
+        &self.numbers[self.starts[pixel] as usize..self.starts[pixel + 1] as usize]
+    }
 }
 
 /// Reference of a tile: where lines of sight are counted from.
 struct Reference {
     centre_px: DVec2,
     sight: DVec2,
+    /// What a pixel along x and along y adds to the line of sight.
+    steps: [[f32; 2]; 2],
 }
 
 impl Reference {
     fn of(frame: &Prepared<'_>, tile: &Tile) -> Self {
         let corner = DVec2::new(f64::from(tile.origin[0]), f64::from(tile.origin[1]));
         let centre_px = corner + 0.5 * DVec2::new(f64::from(tile.size[0]), f64::from(tile.size[1]));
-        Self { centre_px, sight: frame.sight(centre_px) }
+        let step = |half: DVec2| {
+            (frame.sight(centre_px + half) - frame.sight(centre_px - half)).as_vec2().to_array()
+        };
+        let steps = [step(DVec2::new(0.5, 0.0)), step(DVec2::new(0.0, 0.5))];
+        Self { centre_px, sight: frame.sight(centre_px), steps }
     }
 }
 
@@ -110,12 +172,16 @@ impl TileWork {
             }
             self.setups.push(setup);
         }
+        let mut candidates = std::mem::take(&mut self.candidates);
+        let measured = if sampling.measured { triangles } else { &[] };
+        candidates.sort(measured, [width, height]);
         let (mut view, pixels) = self.view(frame, &reference, &sampling.first, layers);
         let mut out = Vec::with_capacity(width * height);
         for local in 0..width * height {
-            view.pixel = pixel_number(frame, &tile, local as u32);
-            out.push(pixels.first(&view, local * n..(local + 1) * n));
+            view.turn_to(pixel_number(frame, &tile, local as u32), local * n..(local + 1) * n);
+            out.push(pixels.first(&view, candidates.of(local)));
         }
+        self.candidates = candidates;
         out
     }
 
@@ -177,8 +243,8 @@ impl TileWork {
         }
         let (mut view, pixels) = self.view(frame, &reference, pattern, layers);
         for (slot, &local) in chosen.iter().enumerate() {
-            view.pixel = pixel_number(frame, &tile, local);
-            let planes = pixels.refined(&view, slot * n..(slot + 1) * n);
+            view.turn_to(pixel_number(frame, &tile, local), slot * n..(slot + 1) * n);
+            let planes = pixels.refined(&view);
             out.push((local, Pixel { planes, ..Pixel::SKY }));
         }
     }
@@ -191,12 +257,23 @@ impl TileWork {
         pattern: &'a Pattern,
         layers: bool,
     ) -> (View<'a>, &'a mut PixelWork) {
-        let Self { samples, setups, runs, pixels } = self;
+        let Self { samples, setups, runs, pixels, .. } = self;
         frame.level.run(Draw { samples, setups, runs });
         pixels.begin(setups.len());
-        let sight = reference.sight.as_vec2().to_array();
-        let sun_points = &pattern.sun_points;
-        (View { frame, setups, samples, sight, layers, sun_points, pixel: 0 }, pixels)
+        let view = View {
+            frame,
+            setups,
+            samples,
+            sight: reference.sight.as_vec2().to_array(),
+            layers,
+            sun_points: &pattern.sun_points,
+            reads: &pattern.reads,
+            first_place: pattern.places[0],
+            pixel: 0,
+            run: 0..0,
+            square: Square { middle: [0.0; 2], steps: reference.steps },
+        };
+        (view, pixels)
     }
 
     /// Sets the samples' lines of sight, those of one pixel after those of another.

@@ -20,6 +20,12 @@ impl Linear {
     pub(crate) fn at(&self, x: f32, y: f32) -> f32 {
         self.0[0] + self.0[1] * x + self.0[2] * y
     }
+
+    /// The same function of places in a pixel: value in its middle, growth over a pixel along x and along y.
+    pub(crate) fn over(&self, [x, y]: [f32; 2], steps: [[f32; 2]; 2]) -> [f32; 3] {
+        let [along_x, along_y] = steps.map(|[x, y]| self.0[1] * x + self.0[2] * y);
+        [self.at(x, y), along_x, along_y]
+    }
 }
 
 /// A triangle as seen from the camera. For a line of sight r the edge functions u = r . (b x c), v = r . (c x a) and
