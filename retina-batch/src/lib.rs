@@ -2,6 +2,7 @@
 //!
 //! - [`Batch`]: renders the chosen frames of a scene into a folder: screen images, truth, EXR,
 //!   manifest; renders on while finished frames are encoded; resumes and shares a folder.
+//! - [`FrameMaker`]: a scene's frames in memory.
 //! - [`LiveRenderer`]: single frames from a renderer that stays open.
 //! - [`Selection`]: which frames: a range, every so many, a shard.
 //! - [`Resampler`]: an image resampled through the distortion in f64, Lanczos-3.
@@ -12,6 +13,7 @@ mod digits;
 mod error;
 mod exr_file;
 mod folder;
+mod frame_maker;
 mod linear_image;
 mod live;
 mod picture;
@@ -19,6 +21,7 @@ mod plan;
 mod png_file;
 mod resample;
 mod run;
+mod scale;
 mod selection;
 mod sheet;
 mod side_products;
@@ -28,7 +31,9 @@ mod warp_file;
 
 pub use error::BatchError;
 pub use exr_file::{Channels, read_exr, write_exr};
+pub use frame_maker::{FrameMaker, MadeFrame, Scaling};
 pub use live::LiveRenderer;
+pub use picture::screen_png;
 pub use plan::ImagePlan;
 pub use png_file::{PngShape, png_bytes};
 pub use resample::{Canvas, Resampler};

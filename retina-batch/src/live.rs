@@ -64,6 +64,8 @@ impl LiveRenderer {
             return Err(BatchError::encode(format!("frame {}", frame.index), &"the renderer gave no image"));
         };
         let developed = self.plan.develop(&image, self.source.resampler.as_ref());
-        Ok(self.picture.paint(frame.index, &developed, PointSources::default(), self.radiance_scale)?.png)
+        let painted =
+            self.picture.paint(frame.index, &developed, PointSources::default(), self.radiance_scale)?;
+        self.picture.png(frame.index, &painted.samples, painted.filtered)
     }
 }

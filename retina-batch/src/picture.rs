@@ -30,9 +30,19 @@ pub(crate) struct PointSources {
     pub(crate) flashes: Vec<SeenFlash>,
 }
 
-/// A frame's image file.
+/// A picture's samples, row by row.
+pub(crate) enum PictureSamples {
+    /// Digital counts of a screen, equal in its three channels.
+    Counts(Vec<u8>),
+    /// Of an ordinary image.
+    Plain(Vec<u16>, PlainDisplay),
+}
+
+/// A frame's picture, and what is in it.
 pub(crate) struct Painted {
-    pub(crate) png: Vec<u8>,
+    pub(crate) samples: PictureSamples,
+    /// Whether a PNG's filters help: gradients, not points on dark ground, where they only cost time.
+    pub(crate) filtered: bool,
     pub(crate) saturated_px: u64,
     /// The point sources in it.
     pub(crate) stars: Vec<ShownPoint>,
@@ -69,10 +79,10 @@ impl Picture {
         }
     }
 
-    /// The PNG of frame `index`, light and point sources; text chunks carry schema and frame.
+    /// The picture of frame `index`: light and point sources.
     ///
     /// # Errors
-    /// Light that is not finite, or a PNG that cannot be encoded.
+    /// Light that is not finite.
     pub(crate) fn paint(
         &self,
         index: usize,
@@ -83,7 +93,7 @@ impl Picture {
         let not_finite = |pixels| BatchError::NotFinite { frame: index, pixels };
         let light = &developed.light[..];
         let (mut stars, mut flashes, mut body) = (Vec::new(), Vec::new(), None);
-        let (schema, channels, bits, bytes, saturated_px) = match &self.display {
+        let (samples, saturated_px) = match &self.display {
             Encoder::Screen { screen, quantisation, points } => {
                 let mut encoded = if light.is_empty() || developed.photocentre_px.is_some() {
                     Encoded { counts: vec![0; (self.width_px * self.height_px) as usize], saturated_px: 0 }
@@ -100,28 +110,64 @@ impl Picture {
                 }
                 stars = stars::draw(points, &mut encoded.counts, sources.sky, radiance_scale);
                 flashes = stars::draw_flashes(points, &mut encoded.counts, sources.flashes, radiance_scale);
-                let rgb = equal_channels(&encoded.counts);
-                ("retina.screen/1", 3, 8, rgb, encoded.saturated_px)
+                (PictureSamples::Counts(encoded.counts), encoded.saturated_px)
             }
             Encoder::Plain(plain) => {
                 let encoded = plain.encode(light, radiance_scale).map_err(not_finite)?;
-                let channels = usize::from(plain.channels);
-                let bytes = if plain.bits == 8 {
-                    encoded.samples.iter().flat_map(|&s| std::iter::repeat_n(s as u8, channels)).collect()
-                } else {
-                    let bytes = |&s: &u16| std::iter::repeat_n(s.to_be_bytes(), channels).flatten();
-                    encoded.samples.iter().flat_map(bytes).collect::<Vec<u8>>()
-                };
-                ("retina.image/1", channels, u32::from(plain.bits), bytes, encoded.saturated_px)
+                (PictureSamples::Plain(encoded.samples, *plain), encoded.saturated_px)
             }
         };
-        // Filters help gradients; points on dark ground they only cost time.
-        let filtered = !light.is_empty();
-        let shape = PngShape { width_px: self.width_px, height_px: self.height_px, channels, bits, filtered };
-        let texts = [("schema", schema.to_string()), ("frame", index.to_string())];
-        let png = png_bytes(&format!("frame {index}"), shape, &bytes, &texts)?;
-        Ok(Painted { png, saturated_px, stars, flashes, body })
+        Ok(Painted { samples, filtered: !light.is_empty(), saturated_px, stars, flashes, body })
     }
+
+    /// The PNG of frame `index`; text chunks carry schema and frame.
+    ///
+    /// # Errors
+    /// It cannot be encoded.
+    pub(crate) fn png(
+        &self,
+        index: usize,
+        samples: &PictureSamples,
+        filtered: bool,
+    ) -> Result<Vec<u8>, BatchError> {
+        match samples {
+            PictureSamples::Counts(counts) => {
+                screen_png(index, [self.width_px, self.height_px], counts, filtered)
+            }
+            PictureSamples::Plain(samples, plain) => {
+                let channels = usize::from(plain.channels);
+                let bytes = if plain.bits == 8 {
+                    samples.iter().flat_map(|&s| std::iter::repeat_n(s as u8, channels)).collect()
+                } else {
+                    let bytes = |&s: &u16| std::iter::repeat_n(s.to_be_bytes(), channels).flatten();
+                    samples.iter().flat_map(bytes).collect::<Vec<u8>>()
+                };
+                let bits = u32::from(plain.bits);
+                let (width_px, height_px) = (self.width_px, self.height_px);
+                let shape = PngShape { width_px, height_px, channels, bits, filtered };
+                encoded(index, "retina.image/1", shape, &bytes)
+            }
+        }
+    }
+}
+
+/// The PNG of a screen image, as a run writes it: its counts, equal in the three channels, row by row.
+///
+/// # Errors
+/// It cannot be encoded.
+pub fn screen_png(
+    index: usize,
+    [width_px, height_px]: [u32; 2],
+    counts: &[u8],
+    filtered: bool,
+) -> Result<Vec<u8>, BatchError> {
+    let shape = PngShape { width_px, height_px, channels: 3, bits: 8, filtered };
+    encoded(index, "retina.screen/1", shape, &equal_channels(counts))
+}
+
+fn encoded(index: usize, schema: &str, shape: PngShape, bytes: &[u8]) -> Result<Vec<u8>, BatchError> {
+    let texts = [("schema", schema.to_string()), ("frame", index.to_string())];
+    png_bytes(&format!("frame {index}"), shape, bytes, &texts)
 }
 
 /// Each count three times.

@@ -13,6 +13,7 @@ use serde_json::json;
 
 use crate::folder::{Folder, ManifestLine, Record, frame_file};
 use crate::picture::{Picture, PointSources};
+use crate::scale::{automatic_scale, brightest_candidates};
 use crate::source::FrameSource;
 use crate::{
     AdapterName, BackendChoice, BatchError, ImagePlan, Selection, SideProducts, contact_sheet, write_exr,
@@ -20,8 +21,6 @@ use crate::{
 
 /// Threads that encode and write finished frames while further ones are rendered.
 const ENCODERS: usize = 2;
-/// Frames rendered for an automatic radiance scale.
-const SCALE_FRAMES: usize = 3;
 
 /// What is asked of a run.
 #[derive(Debug, Clone, PartialEq)]
@@ -227,9 +226,7 @@ impl Batch {
         observer: &mut dyn Observer,
     ) -> Result<(), BatchError> {
         let candidates = match (self.scene.radiance_scale, &found) {
-            (RadianceScale::Auto, None) if !self.scene.bodies.is_empty() => {
-                self.scene.brightest_frames(SCALE_FRAMES)?
-            }
+            (RadianceScale::Auto, None) => brightest_candidates(&self.scene)?,
             _ => Vec::new(),
         };
         let models = self.scene.take_models();
@@ -249,7 +246,7 @@ impl Batch {
             (RadianceScale::Auto, None) if self.scene.bodies.is_empty() => 1.0,
             (RadianceScale::Auto, None) => {
                 observer.note("looking for the brightest pixel of the sequence, for its radiance scale");
-                self.automatic_scale(&mut source, &candidates)?
+                automatic_scale(&self.scene, &self.plan, &self.picture, &mut source, &candidates)?
             }
         };
         let record = self.record(source.name.backend, radiance_scale);
@@ -261,30 +258,6 @@ impl Batch {
         self.pipeline(&folder, &mut source, to_do, radiance_scale, summary, observer)?;
         summary.seconds = start.elapsed().as_secs_f64();
         folder.close()
-    }
-
-    /// The scale at which the brightest pixel of the whole sequence shows just below saturation.
-    fn automatic_scale(&self, source: &mut FrameSource, candidates: &[usize]) -> Result<f64, BatchError> {
-        let mut brightest = 0f32;
-        for &index in candidates {
-            source.start(&self.scene.frame(index)?)?;
-            if let Some(image) = source.finish()? {
-                let light = self.plan.develop(&image, source.resampler.as_ref()).light;
-                brightest = light.iter().fold(brightest, |most, &value| most.max(value));
-            }
-        }
-        if !(brightest > 0.0 && brightest.is_finite()) {
-            return Err(InputError::new(
-                &self.scene.file,
-                "no frame of the sequence shows a lit surface, so there is no brightest pixel",
-            )
-            .at("key `radiance_scale`")
-            .found("`auto`")
-            .expected("a number, or a sequence in which a lit surface is seen")
-            .help("check the Sun's position, or set radiance_scale = 0.1")
-            .into());
-        }
-        Ok(self.picture.scale_for_brightest(f64::from(brightest)))
     }
 
     /// Renders on this thread and encodes on others; what waits between them is bounded.
@@ -379,6 +352,7 @@ impl FrameWriter<'_> {
         let developed = batch.plan.develop(&image, self.resampler.as_ref());
         let sources = PointSources { sky: batch.scene.sky(&frame)?, flashes: batch.scene.flashes_of(&frame) };
         let painted = batch.picture.paint(index, &developed, sources, self.radiance_scale)?;
+        let png = batch.picture.png(index, &painted.samples, painted.filtered)?;
         let mut outputs = BTreeMap::new();
         if let Some(channels) = developed.channels {
             let metadata = json!({
@@ -395,7 +369,7 @@ impl FrameWriter<'_> {
             self.put(frame_file("frames", index, "exr"), &bytes, &mut outputs)?;
         }
         if let Some(products) = &batch.side_products {
-            let made = products.make(&frame, &image, &painted.png)?;
+            let made = products.make(&frame, &image, &png)?;
             for (file, bytes) in products.files(index).into_iter().zip(made) {
                 self.put(file, &bytes, &mut outputs)?;
             }
@@ -406,7 +380,7 @@ impl FrameWriter<'_> {
             serde_json::to_vec_pretty(&truth).map_err(|error| BatchError::encode("the truth", &error))?;
         text.push(b'\n');
         self.put(frame_file("truth", index, "json"), &text, &mut outputs)?;
-        self.put(frame_file("frames", index, "png"), &painted.png, &mut outputs)?;
+        self.put(frame_file("frames", index, "png"), &png, &mut outputs)?;
         self.folder.append(&ManifestLine::new(
             index,
             batch.inputs.clone(),

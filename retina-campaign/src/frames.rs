@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_bench::{BenchError, Exposure, OpticsDetail, ScreenImage};
+use retina_bench::{Bench, BenchError, Exposure, OpticsDetail, ScreenImage};
 use retina_files::{
     InputError, MOST_IMAGE_PIXELS, decode_image, hash_bytes, hash_file, read_bytes, write_atomic,
 };
@@ -32,6 +32,17 @@ pub struct FramesResult {
     pub frames: usize,
     /// Their exposure time, s.
     pub exposure_s: f64,
+}
+
+/// The exposure time at which the brightest pixel of a screen image fills 60 % of the full well, s; `None` where the image
+/// is dark.
+///
+/// # Errors
+/// The image has another size than the screen.
+pub fn well_exposed_s(bench: &Bench, screen: &ScreenImage) -> Result<Option<f64>, BenchError> {
+    let light = bench.light_e(screen, &Exposure::new(1.0, 0))?;
+    let peak = f64::from(light.iter().copied().fold(0.0, f32::max));
+    Ok((peak > 0.0).then(|| 0.6 * bench.sensor().full_well_e() / peak))
 }
 
 /// The screen images of a folder, by name.
@@ -107,16 +118,9 @@ pub fn simulate_frames(
     let bench = facility.bench(options.detail)?;
     let exposure_s = match options.exposure_s {
         Some(exposure_s) => exposure_s,
-        None => {
-            let light = bench.light_e(&read_screen(&files[0])?, &Exposure::new(1.0, 0))?;
-            let peak = f64::from(light.iter().copied().fold(0.0, f32::max));
-            if peak <= 0.0 {
-                return Err(InputError::new(&files[0], "the first screen image is dark")
-                    .help("give the exposure time")
-                    .into());
-            }
-            0.6 * bench.sensor().full_well_e() / peak
-        }
+        None => well_exposed_s(&bench, &read_screen(&files[0])?)?.ok_or_else(|| {
+            InputError::new(&files[0], "the first screen image is dark").help("give the exposure time")
+        })?,
     };
     let mut list = String::from("predicted,measured,time_s,temperature_c,exposure_s\n");
     for (index, file) in files.iter().enumerate() {

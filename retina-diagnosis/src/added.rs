@@ -67,13 +67,21 @@ impl AddedEffect {
     /// # Errors
     /// It reads a column that the data do not have.
     pub fn own(effect: impl OwnEffect + 'static, data: &Dataset) -> Result<Self, InputError> {
+        Self::own_shared(Arc::new(effect), data)
+    }
+
+    /// As [`Self::own`], one that others hold too.
+    ///
+    /// # Errors
+    /// As [`Self::own`].
+    pub fn own_shared(effect: Arc<dyn OwnEffect>, data: &Dataset) -> Result<Self, InputError> {
         let known = readable_columns(data);
         if let Some(column) = effect.columns().iter().find(|name| !known.iter().any(|k| k == *name)) {
             return Err(InputError::new(effect.source(), "reads a column that the data do not have")
                 .found(format!("`{column}`"))
                 .expected(known.join(", ")));
         }
-        Ok(Self::Own(Arc::new(effect)))
+        Ok(Self::Own(effect))
     }
 
     /// Its id or name.

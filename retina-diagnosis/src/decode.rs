@@ -87,7 +87,8 @@ pub fn decode(data: &Dataset) -> Option<Decoded> {
         }
         _ => return None,
     };
-    Some(decoded(data, of, &field, errors.as_deref(), degree))
+    // Shift, rotation and scale alone hold none of the forms.
+    (degree >= 2).then(|| decoded(data, of, &field, errors.as_deref(), degree))
 }
 
 /// The fitted baseline's field, and its independent errors of unit variance.

@@ -56,14 +56,14 @@ pub use data::{
 pub use decode::{Decoded, Reading, decode};
 pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, diagnose, diagnose_step};
 pub use estimate::{Implausible, Parameter, implausible};
-pub use figure::write_figure;
+pub use figure::{figure_svg, write_figure};
 pub use fit::{Fit, fit};
 pub use headline::headline;
 pub use json::{compare_json, diagnose_json, effects_json, fit_json};
 pub use model_file::write_model;
 pub use next::NextMeasurement;
-pub use output::{compare_text, diagnose_text, effects_text, fit_text, write_predictions};
-pub use own::{OwnEffect, OwnParameter};
+pub use output::{compare_text, diagnose_text, effects_text, fit_text, predictions_text, write_predictions};
+pub use own::{OwnEffect, OwnParameter, difference_step};
 pub use physical::Physical;
 pub use pixel_noise::{Neighbours, White, white_noise};
 pub use report::{

@@ -265,12 +265,22 @@ pub fn fit_text(data: &Dataset, result: &Fit) -> Vec<String> {
     out
 }
 
-/// `fit --predictions`: a row for each row of the files, in their order; saturated rows were not fitted and have empty
-/// cells and count as outliers.
+/// Writes [`predictions_text`].
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write_predictions(path: &Path, data: &Dataset, fit: &Fit) -> Result<(), InputError> {
+    let text = predictions_text(path, data, fit)?;
+    write_atomic(path, text.as_bytes())
+        .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+}
+
+/// `fit --predictions`, a table: a row for each row of the files, in their order; saturated rows were not fitted and
+/// have empty cells and count as outliers. `path` names it in errors.
+///
+/// # Errors
+/// The fit is not of all the rows.
+pub fn predictions_text(path: &Path, data: &Dataset, fit: &Fit) -> Result<String, InputError> {
     fit.check_covers(path, data)?;
     let n = data.components();
     let mut text = String::from(if data.kind == TableKind::Points {
@@ -304,8 +314,7 @@ pub fn write_predictions(path: &Path, data: &Dataset, fit: &Fit) -> Result<(), I
         }
         let _ = writeln!(text, "{}", u8::from(fit.outlier[row]));
     }
-    write_atomic(path, text.as_bytes())
-        .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
+    Ok(text)
 }
 
 #[cfg(test)]

@@ -64,8 +64,7 @@ pub trait OwnEffect: Send + Sync {
     fn value_and_slopes(&self, columns: &[f64], parameters: &[f64]) -> ([f64; 2], Vec<[f64; 2]>) {
         let slopes = (0..parameters.len())
             .map(|k| {
-                // The cube root of the smallest difference from 1 balances rounding and curvature.
-                let step = f64::EPSILON.cbrt() * parameters[k].abs().max(1e-3);
+                let step = difference_step(parameters[k]);
                 let at = |sign: f64| {
                     let mut moved = parameters.to_vec();
                     moved[k] += sign * step;
@@ -78,10 +77,28 @@ pub trait OwnEffect: Send + Sync {
         (self.value(columns, parameters), slopes)
     }
 
+    /// The same for many rows, in their order: of each column a value for each row, and no value is NaN. Row by row
+    /// unless given; an effect that is quicker over whole columns gives its own.
+    fn values_and_slopes(&self, columns: &[Vec<f64>], parameters: &[f64]) -> Vec<([f64; 2], Vec<[f64; 2]>)> {
+        let rows = columns.first().map_or(0, Vec::len);
+        let mut row_values = vec![0.0; columns.len()];
+        let of_row = |row: usize| {
+            row_values.iter_mut().zip(columns).for_each(|(value, column)| *value = column[row]);
+            self.value_and_slopes(&row_values, parameters)
+        };
+        (0..rows).map(of_row).collect()
+    }
+
     /// Where it comes from, for messages.
     fn source(&self) -> &Path {
         Path::new(self.name())
     }
+}
+
+/// The step of a central difference by a parameter: the cube root of the smallest difference from 1 balances rounding
+/// and curvature.
+pub fn difference_step(parameter: f64) -> f64 {
+    f64::EPSILON.cbrt() * parameter.abs().max(1e-3)
 }
 
 /// Names of the columns that effects may read.
@@ -104,26 +121,29 @@ pub(crate) fn evaluate(
         .iter()
         .map(|name| data.values(if ["L", "F"].contains(name) { "log10_irradiance" } else { name }))
         .collect();
-    let light = names.iter().position(|name| *name == "F");
+    // Where a column has no value the effect has none.
+    let whole: Vec<usize> =
+        (0..data.len()).filter(|&row| columns.iter().all(|column| !column[row].is_nan())).collect();
+    let of_whole: Vec<Vec<f64>> = names
+        .iter()
+        .zip(&columns)
+        .map(|(name, column)| {
+            let value = |&row: &usize| if *name == "F" { 10f64.powf(column[row]) } else { column[row] };
+            whole.iter().map(value).collect()
+        })
+        .collect();
+    // An effect without columns is the same in every row.
+    let found = match names.is_empty() {
+        true => vec![effect.value_and_slopes(&[], parameters); whole.len()],
+        false => effect.values_and_slopes(&of_whole, parameters),
+    };
     let n = data.components();
-    let mut values = Vec::with_capacity(data.y.len());
-    let mut slopes = vec![Vec::with_capacity(data.y.len()); parameters.len()];
-    let mut row_values = vec![0.0; names.len()];
-    for row in 0..data.len() {
-        for (value, column) in row_values.iter_mut().zip(&columns) {
-            *value = column[row];
-        }
-        if let Some(light) = light {
-            row_values[light] = 10f64.powf(row_values[light]);
-        }
-        // Where a column has no value the effect has none.
-        let (value, slope) = match row_values.iter().any(|value| value.is_nan()) {
-            true => ([0.0; 2], vec![[0.0; 2]; parameters.len()]),
-            false => effect.value_and_slopes(&row_values, parameters),
-        };
-        values.extend_from_slice(&value[..n]);
-        for (all, s) in slopes.iter_mut().zip(slope) {
-            all.extend_from_slice(&s[..n]);
+    let mut values = vec![0.0; data.y.len()];
+    let mut slopes = vec![vec![0.0; data.y.len()]; parameters.len()];
+    for (&row, (value, slope)) in whole.iter().zip(&found) {
+        values[n * row..n * (row + 1)].copy_from_slice(&value[..n]);
+        for (all, of_row) in slopes.iter_mut().zip(slope) {
+            all[n * row..n * (row + 1)].copy_from_slice(&of_row[..n]);
         }
     }
     (values, slopes)

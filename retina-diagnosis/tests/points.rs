@@ -224,8 +224,11 @@ fn a_polynomial_is_told_as_physics() {
         let tables = Measurements::read(std::slice::from_ref(&path)).unwrap();
         let baseline = Baseline::Polynomial(degree);
         let source = Source { tables: &tables, setup: &setup, calibration: None, response: None, baseline };
-        decode(&Dataset::new(&source).unwrap()).unwrap()
+        decode(&Dataset::new(&source).unwrap())
     };
+    // Shift, rotation and scale hold no form of physics.
+    assert!(decoded("screen_tilt", 1).is_none());
+    let decoded = |id: &str, degree: u32| decoded(id, degree).unwrap();
     let value = |reading: &Reading, name: &str| {
         reading.parameters.iter().find(|p| p.name == name).map(|p| (p.value, p.sigma.unwrap())).unwrap()
     };

@@ -84,16 +84,15 @@ pub(crate) trait Rows: Default {
 /// An optional column of a writer: its name and its cell in a row.
 pub(crate) type OptionalColumn<Row> = (&'static str, fn(&Row) -> Option<String>);
 
-/// Writes a table with the setup's name in a comment. `required` gives the cells of the required columns; optional
+/// A table's text with the setup's name in a comment. `required` gives the cells of the required columns; optional
 /// columns that no row has are left out.
-pub(crate) fn write_rows<T: Rows, Row>(
-    path: &Path,
+pub(crate) fn rows_text<T: Rows, Row>(
     setup: &Setup,
     rows: &[Row],
     extra: &[ExtraColumn],
     required: impl Fn(&Row) -> String,
     optional: &[OptionalColumn<Row>],
-) -> Result<(), InputError> {
+) -> String {
     let used: Vec<&OptionalColumn<Row>> =
         optional.iter().filter(|(_, cell)| rows.iter().any(|row| cell(row).is_some())).collect();
     let names = T::REQUIRED.iter().copied().chain(used.iter().map(|(name, _)| *name));
@@ -109,6 +108,11 @@ pub(crate) fn write_rows<T: Rows, Row>(
         }
         text.push('\n');
     }
+    text
+}
+
+/// Writes a table's text.
+pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), InputError> {
     write_atomic(path, text.as_bytes())
         .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
 }

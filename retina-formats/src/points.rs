@@ -8,7 +8,7 @@ use glam::DVec2;
 use retina_files::{InputError, Table};
 use retina_geometry::Setup;
 
-use crate::columns::{Cells, Rows, csv_text, write_rows};
+use crate::columns::{Cells, Rows, csv_text, rows_text, write_text};
 use crate::{Channel, ExtraColumn, SourceFile};
 
 /// A displayed point and where the camera saw it.
@@ -224,13 +224,17 @@ impl PointsTable {
         }
     }
 
-    /// Writes it as `points.csv` with the setup's name in a comment; optional columns that no row has are left out.
+    /// Writes [`Self::text`].
     ///
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path, setup: &Setup) -> Result<(), InputError> {
-        write_rows::<Self, _>(
-            path,
+        write_text(path, &self.text(setup))
+    }
+
+    /// As `points.csv` with the setup's name in a comment; optional columns that no row has are left out.
+    pub fn text(&self, setup: &Setup) -> String {
+        rows_text::<Self, _>(
             setup,
             &self.rows,
             &self.extra,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use retina_files::{InputError, Table};
 use retina_geometry::Setup;
 
-use crate::columns::{Cells, Rows, csv_text, write_rows};
+use crate::columns::{Cells, Rows, csv_text, rows_text, write_text};
 use crate::{Channel, ExtraColumn, SourceFile};
 
 /// A reading: an N x N square of pixels at one count, or none lit.
@@ -107,13 +107,17 @@ impl PowerTable {
             .try_for_each(|file| file.setup.as_ref().map_or(Ok(()), |stamp| stamp.check(&file.path, setup)))
     }
 
-    /// Writes it as `power.csv` with the setup's name in a comment; optional columns that no row has are left out.
+    /// Writes [`Self::text`].
     ///
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path, setup: &Setup) -> Result<(), InputError> {
-        write_rows::<Self, _>(
-            path,
+        write_text(path, &self.text(setup))
+    }
+
+    /// As `power.csv` with the setup's name in a comment; optional columns that no row has are left out.
+    pub fn text(&self, setup: &Setup) -> String {
+        rows_text::<Self, _>(
             setup,
             &self.rows,
             &self.extra,

@@ -30,4 +30,5 @@ mod told;
 mod window;
 
 pub use diagnose::diagnose_frames;
+pub use picture::PICTURES_CAPTION;
 pub use set::{FrameSet, FramesSource};

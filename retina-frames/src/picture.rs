@@ -12,6 +12,11 @@ const MEASURED: usize = 1;
 /// Images that are drawn.
 const MOST_IMAGES: usize = 3;
 
+/// What [`FrameSet::pictures`] shows, in words.
+pub const PICTURES_CAPTION: &str = "One row for each state, from the baseline on. The best prediction has all the usual \
+    effects: map, relief, law, blur, glare, response. In the errors, purple is darker than predicted and orange is \
+    brighter; white pixels do not count. The errors of all states share one scale.";
+
 impl FrameSet {
     /// A figure as SVG: for each image a row a state (the baseline, then with each effect, or the best prediction where
     /// nothing was added), errors on one scale of

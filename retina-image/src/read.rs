@@ -51,6 +51,29 @@ impl CameraImage {
     }
 }
 
+impl CameraImage {
+    /// From digital numbers that are linear in light, row by row from the top; `name` names them in errors. Without
+    /// `bits` they have no full scale, so that none is saturated.
+    ///
+    /// # Errors
+    /// No pixels, or another number of values than pixels; a value that is not finite or beyond the camera's bits.
+    pub fn from_values(
+        name: &Path,
+        [width_px, height_px]: [u32; 2],
+        values: Vec<f32>,
+        steps: Steps,
+        bits: Option<u32>,
+    ) -> Result<Self, InputError> {
+        let pixels = width_px as usize * height_px as usize;
+        if pixels == 0 || pixels != values.len() {
+            return Err(InputError::new(name, "the image's size does not fit")
+                .found(format!("{width_px} x {height_px} pixels, {} values", values.len()))
+                .expected("at least one pixel, and a value for each"));
+        }
+        of_bits(name, Self { width_px, height_px, values, full_scale_dn: f32::MAX, steps }, bits)
+    }
+}
+
 pub(crate) fn is_fits(bytes: &[u8]) -> bool {
     bytes.starts_with(b"SIMPLE  =")
 }

@@ -32,6 +32,14 @@ pub struct ImageContext {
     pub aspect_given: bool,
 }
 
+impl ImageContext {
+    /// Of a camera whose epoch, place and velocity are known, the place to this standard deviation, m.
+    pub fn at(observer: Observer, position_sigma_m: f64) -> Self {
+        let prior = PriorPosition { observer: observer.clone(), sigma_m: position_sigma_m };
+        Self { observer: Some(observer), prior: Some(prior), ..Self::default() }
+    }
+}
+
 /// What an image gave.
 #[derive(Debug, Clone)]
 pub struct ImageResult {

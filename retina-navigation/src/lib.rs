@@ -2,6 +2,7 @@
 //!
 //! - [`stars`]: attitude from the stars of one image, lost in space.
 //! - [`planets`]: planets among an image's points, and their lines of sight.
+//! - [`cameras`]: what is known of an image's camera, and the solvers that follow from it.
 //! - [`image`]: the two together, from pixels; [`seen`]: what there is to be seen in them.
 //! - [`products`]: a solved image as a table, a FITS header, a picture.
 //! - [`filter`]: position by triangulation, position and velocity by an extended Kalman filter.
@@ -11,6 +12,7 @@
 //!
 //! The paper's experiments, which join these with rendered scenes and the virtual bench, are in `retina-experiments`.
 
+pub mod cameras;
 pub mod filter;
 pub mod flashes;
 pub mod image;

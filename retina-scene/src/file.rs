@@ -264,6 +264,20 @@ pub enum Layer {
 }
 
 impl Layer {
+    /// All of them.
+    pub const ALL: [Self; 7] =
+        [Self::Depth, Self::Mask, Self::Normal, Self::Incidence, Self::Emission, Self::Phase, Self::Shadow];
+
+    /// Its name in a scene.
+    pub fn name(self) -> &'static str {
+        ["depth", "mask", "normal", "incidence", "emission", "phase", "shadow"][self as usize]
+    }
+
+    /// From its name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|layer| layer.name() == name)
+    }
+
     /// The EXR channels of the layer, as the renderer names its planes.
     pub fn channels(self) -> &'static [&'static str] {
         match self {

@@ -29,5 +29,6 @@ pub use file::{Compensation, Layer, Shading};
 pub use flashes::{Flash, Flashes, RandomFlashes, SeenFlash, ShownFlash};
 pub use frame::SceneFrame;
 pub use photometry_table::PhotometryTable;
+pub use read::Given;
 pub use scene::{BodyParts, Display, Output, RadianceScale, Scene, SceneBody, SceneInput, SceneParts};
 pub use sky::{DisplayedPoint, PlanetPoint, ShownPoint, SkyPoint, Stars};

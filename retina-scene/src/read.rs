@@ -11,6 +11,7 @@ use retina_model::{external_files, load_body};
 use retina_radiometry::ScreenResponse;
 use retina_render::Quality;
 use retina_screen::Quantisation;
+use retina_sky::Trajectory;
 use retina_sky::catalogue::StarCatalogue;
 use retina_sky::ephemeris::Ephemeris;
 
@@ -22,6 +23,15 @@ use crate::{Stars, sequence};
 /// Mean radius of the Moon's reference sphere, m (IAU).
 const MOON_RADIUS_M: f64 = 1_737_400.0;
 
+/// What a program gives in the place of what a scene's file names.
+#[derive(Debug, Clone, Default)]
+pub struct Given {
+    /// The facility, in the place of the key `setup`.
+    pub setup: Option<Setup>,
+    /// The trajectory's table as text, in the place of the key `trajectory`.
+    pub trajectory_csv: Option<String>,
+}
+
 impl Scene {
     /// Reads a scene and everything it names, and checks every frame's geometry.
     ///
@@ -29,16 +39,41 @@ impl Scene {
     /// Whatever does not fit, in whichever of the files: an unknown key, a model that does not
     /// load, a trajectory with a bad cell, a camera inside a body, ...
     pub fn read(path: impl AsRef<Path>) -> Result<Self, InputError> {
+        Self::read_with(path, Given::default())
+    }
+
+    /// As [`Scene::read`], with what a program gives in the place of what the file names.
+    ///
+    /// # Errors
+    /// As [`Scene::read`].
+    pub fn read_with(path: impl AsRef<Path>, given: Given) -> Result<Self, InputError> {
         let path = path.as_ref();
-        let text = read_text(path)?;
-        let file: SceneFile = parse_schema(path, &text, "retina.scene/1", "a scene")?;
+        Self::parse(path, &read_text(path)?, given)
+    }
+
+    /// As [`Scene::read_with`], from text already in memory; `path` names it in errors, and paths in it are relative to
+    /// `path`.
+    ///
+    /// # Errors
+    /// As [`Scene::read`].
+    pub fn parse(path: &Path, text: &str, given: Given) -> Result<Self, InputError> {
+        let file: SceneFile = parse_schema(path, text, "retina.scene/1", "a scene")?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let mut inputs = vec![SceneInput { role: "scene".into(), hash: hash_bytes(text.as_bytes()) }];
         let mut input = |role: String, hash: String| inputs.push(SceneInput { role, hash });
 
-        let setup_file = folder.join(&file.setup);
-        let setup = Setup::read(&setup_file).map_err(|error| error.named_by(path, "setup"))?;
-        input("setup".into(), hash_file(&setup_file)?);
+        let setup = match given.setup {
+            Some(setup) => {
+                input("setup".into(), hash_bytes(format!("{setup:?}").as_bytes()));
+                setup
+            }
+            None => {
+                let setup_file = folder.join(&file.setup);
+                let setup = Setup::read(&setup_file).map_err(|error| error.named_by(path, "setup"))?;
+                input("setup".into(), hash_file(&setup_file)?);
+                setup
+            }
+        };
         let (calibration, response) = calibration(path, &file, &setup, &mut input)?;
         let (distortion, inverse) = match calibration {
             Some(calibration) => (Some(calibration.distortion), calibration.inverse),
@@ -49,7 +84,12 @@ impl Scene {
         let kernels: Vec<PathBuf> = file.ephemeris.kernels.iter().map(|own| folder.join(own)).collect();
         let ephemeris =
             Ephemeris::read(&kernels).map_err(|error| error.named_by(path, "ephemeris.kernels"))?;
-        let (trajectory, hash) = sequence::trajectory(path, &file, &names, &setup, &ephemeris)?;
+        let (trajectory, hash) = match given.trajectory_csv {
+            Some(text) => {
+                (Trajectory::parse(Path::new("<trajectory>"), &text, &names)?, hash_bytes(text.as_bytes()))
+            }
+            None => sequence::trajectory(path, &file, &names, &setup, &ephemeris)?,
+        };
         input("trajectory".into(), hash);
         for (at, kernel) in ephemeris.kernel_files().iter().enumerate() {
             input(format!("ephemeris {}: {}", at + 1, kernel.name()), kernel.hash.clone());

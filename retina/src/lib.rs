@@ -29,7 +29,7 @@
 //! how bright: `examples/calibrate.rs`.
 //!
 //! **The workbench** ([`diagnosis`], [`frames`]) compares a model with measurements and names the physical effect that
-//! is missing: `examples/diagnose.rs`. Calibrations of mrcal and OpenCV become its tables ([`import`]).
+//! is missing: `examples/diagnose.rs`. [`workbench`] reads what they work on. Calibrations of mrcal and OpenCV become its tables ([`import`]).
 //!
 //! **Navigation** ([`navigation`]) finds attitude and position in the camera's images: `examples/detect_and_solve.rs`.
 //! [`experiments`] repeats the paper's experiments end to end.
@@ -43,6 +43,8 @@
 //! # Features
 //!
 //! `gpu` (default): rendering by wgpu. Without it the CPU renderer is left and wgpu is not compiled.
+
+pub mod workbench;
 
 pub use retina_assets as assets;
 pub use retina_batch as batch;

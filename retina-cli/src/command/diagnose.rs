@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.input.check_outputs(&arguments.effects, &[(&arguments.report, "html")])?;
     let options = DiagnoseOptions { flips: arguments.flips as usize, seed: arguments.seed };
-    if let Some(mut set) = arguments.input.frames()? {
+    if let Some(mut set) = arguments.input.read()?.frames()? {
         let (data, added, result) = diagnose_frames(&mut set, &arguments.effects, &options)?;
         if let Some(path) = &arguments.report {
             let left = Diagnosis { accepted: Vec::new(), ..result.clone() };

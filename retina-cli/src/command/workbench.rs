@@ -2,12 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::DVec2;
-use retina_diagnosis::{AddedEffect, Baseline, Dataset, Source};
-use retina_files::InputError;
-use retina_formats::{Calibration, Measurements, RadiometricCalibration, TableKind};
-use retina_frames::{FrameSet, FramesSource};
-use retina_geometry::Setup;
+use retina::workbench::{
+    self, GivenCalibration, GivenEffect, Measured, TableMaterial, added_effects, frame_effects,
+};
+use retina_diagnosis::{AddedEffect, Baseline, Dataset};
+use retina_frames::{FrameSet, PICTURES_CAPTION};
 use retina_report::Section;
 
 use crate::failure::Failure;
@@ -74,115 +73,14 @@ impl Input {
         self.data.first().map_or(Path::new("--data"), PathBuf::as_path)
     }
 
-    /// Which calibration the tables take: of the geometry (points), of the response (power), none (phase).
-    fn calibrated(&self) -> Result<Calibrated, Failure> {
-        let flag = if self.calibration.is_some() {
-            "--calibration"
-        } else if self.baseline != "physical" {
-            "--baseline"
-        } else {
-            return Ok(Calibrated::Nothing);
-        };
-        let Some(path) = self.data.first() else { return Ok(Calibrated::Nothing) };
-        match TableKind::of_file(path)? {
-            TableKind::Points => return Ok(Calibrated::Geometry),
-            TableKind::Power if flag == "--calibration" => return Ok(Calibrated::Response),
-            _ => {}
-        }
-        let tables = if flag == "--baseline" { "points" } else { "points or of power readings" };
-        Err(InputError::new(flag, format!("applies only to tables of {tables}"))
-            .found(format!("{}, a table of another kind", path.display()))
-            .help(format!("leave out {flag}: other tables have one baseline"))
-            .into())
-    }
-
-    /// The frames, where the first table is one of frames.
-    pub(crate) fn frames(&self) -> Result<Option<FrameSet>, Failure> {
-        match self.data.first() {
-            Some(path) if TableKind::of_file(path)? == TableKind::Frames => {}
-            _ => return Ok(None),
-        }
-        let register = match self.baseline.as_str() {
-            "physical" => true,
-            "gain" => false,
-            other => {
-                return Err(InputError::new("--baseline", "is not a baseline for frames")
-                    .found(format!("`{other}`"))
-                    .expected("`physical` (gain, offset, shift, roll, scale) or `gain`")
-                    .into());
-            }
-        };
+    /// Reads the setup and the calibration.
+    pub(crate) fn read(&self) -> Result<workbench::Input, Failure> {
         let setup = read_setup(&self.setup)?;
         let calibration =
-            self.calibration.as_ref().map(|path| Calibration::read(path, &setup)).transpose()?;
-        let source =
-            FramesSource { files: &self.data, setup: &setup, calibration: calibration.as_ref(), register };
-        Ok(Some(FrameSet::read(&source)?))
+            self.calibration.as_ref().map(|path| GivenCalibration::read(path, &setup)).transpose()?;
+        let measured = Measured::Files(self.data.clone());
+        Ok(workbench::Input { setup, measured, calibration, baseline: self.baseline.clone() })
     }
-
-    /// Setup, tables, calibration and data.
-    fn read(&self) -> Result<TableMaterial, Failure> {
-        let baseline = Baseline::parse(&self.baseline)?;
-        if self.calibration.is_some() && baseline != Baseline::Physical {
-            return Err(InputError::new(
-                "--baseline",
-                "has no effect with --calibration, which is held fixed",
-            )
-            .help("leave out one of the two")
-            .into());
-        }
-        let kind = self.calibrated()?;
-        let setup = read_setup(&self.setup)?;
-        let path = |of: Calibrated| self.calibration.as_ref().filter(|_| kind == of);
-        let calibration =
-            path(Calibrated::Geometry).map(|path| Calibration::read(path, &setup)).transpose()?;
-        let response = path(Calibrated::Response).map(|path| response_of(path, &setup)).transpose()?;
-        let tables = Measurements::read(&self.data)?;
-        let source = Source {
-            tables: &tables,
-            setup: &setup,
-            calibration: calibration.as_ref(),
-            response: response.as_ref(),
-            baseline,
-        };
-        let mut data = Dataset::new(&source)?;
-        if matches!(tables, Measurements::Points(_)) {
-            data = with_lenses(data, &setup);
-        }
-        Ok(TableMaterial { setup, tables, calibration, data })
-    }
-}
-
-/// Gives the data the facility's lenses. Of a setup whose lenses cannot be traced the leading forms hold, and a note says
-/// so.
-fn with_lenses(mut data: Dataset, setup: &Setup) -> Dataset {
-    let camera = setup.camera_pinhole();
-    let corner =
-        DVec2::new(f64::from(camera.width_px) / camera.fx_px, f64::from(camera.height_px) / camera.fy_px);
-    match retina_bench::display_rays(setup, 0.5 * corner.length()) {
-        Ok(rays) => data.with_display_rays(rays),
-        Err(error) => {
-            data.notes.push(format!("effects of the display's place have their leading forms: {error}"));
-            data
-        }
-    }
-}
-
-/// What a calibration is held for.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Calibrated {
-    Nothing,
-    Geometry,
-    Response,
-}
-
-fn response_of(path: &Path, setup: &Setup) -> Result<RadiometricCalibration, InputError> {
-    RadiometricCalibration::read(path, setup)?.ok_or_else(|| {
-        InputError::new(path, "the calibration has no response")
-            .at("table `response`")
-            .expected("a calibration of the display's light, for readings of a power meter")
-            .help("`retina calibrate radiometry --data power.csv --out ...` makes one")
-    })
 }
 
 /// What a command works on: pixels with their frames, or a table.
@@ -191,25 +89,18 @@ pub(crate) enum Material {
     Table(Box<TableMaterial>),
 }
 
-/// Tables with what they are compared with.
-pub(crate) struct TableMaterial {
-    pub(crate) setup: Setup,
-    pub(crate) tables: Measurements,
-    pub(crate) calibration: Option<Calibration>,
-    pub(crate) data: Dataset,
-}
-
 impl Material {
     /// Reads the tables with the effects of `--effect`.
     pub(crate) fn read(input: &Input, effects: &[String]) -> Result<(Self, Vec<AddedEffect>), Failure> {
+        let effects: Vec<GivenEffect> = effects.iter().cloned().map(GivenEffect::Text).collect();
+        let input = input.read()?;
         if let Some(mut set) = input.frames()? {
-            no_repeats(effects)?;
-            let (data, added) = set.with_effects(effects)?;
+            let (data, added) = set.with_effects(&frame_effects(&effects)?)?;
             retina_diagnosis::check_effects(&data, &added)?;
             return Ok((Self::Frames(Box::new(set), Box::new(data)), added));
         }
-        let material = input.read()?;
-        let added = added(effects, &material.data)?;
+        let material = input.table()?;
+        let added = added_effects(&effects, &material.data)?;
         Ok((Self::Table(Box::new(material)), added))
     }
 
@@ -231,35 +122,5 @@ impl Material {
 
 /// Predicted and measured images with what is left.
 pub(crate) fn pictures(set: &FrameSet) -> Section {
-    Section::new("Images").figure(
-        &set.pictures(),
-        "One row for each state, from the baseline on. The best prediction has all the usual effects: map, relief, law, blur, glare, response. In the errors, purple is darker than predicted and orange is brighter; white pixels do not count. The errors of all states share one scale.",
-    )
-}
-
-/// An effect is named once.
-fn no_repeats(effects: &[String]) -> Result<(), Failure> {
-    let repeated = effects.iter().enumerate().find(|(k, name)| effects[..*k].contains(name));
-    match repeated {
-        Some((_, name)) => {
-            Err(InputError::new("--effect", "is given twice").found(format!("`{name}`")).into())
-        }
-        None => Ok(()),
-    }
-}
-
-/// The effects of `--effect`.
-fn added(effects: &[String], data: &Dataset) -> Result<Vec<AddedEffect>, Failure> {
-    let mut out: Vec<AddedEffect> = Vec::new();
-    for text in effects {
-        let effect = AddedEffect::read(text, data)?;
-        if out.iter().any(|other| other.name() == effect.name()) {
-            return Err(InputError::new("--effect", "is given twice")
-                .found(format!("`{}`", effect.name()))
-                .into());
-        }
-        out.push(effect);
-    }
-    retina_diagnosis::check_effects(data, &out)?;
-    Ok(out)
+    Section::new("Images").figure(&set.pictures(), PICTURES_CAPTION)
 }

@@ -300,11 +300,8 @@ pub(crate) fn axis_label(name: &str) -> String {
     }
 }
 
-/// Writes the figure: errors over the field (points), coverage and uncertainty, then the errors against each column.
-///
-/// # Errors
-/// The file cannot be written.
-pub fn write_figure(path: &Path, data: &Dataset, added: &[AddedEffect]) -> Result<(), InputError> {
+/// The figure as SVG: errors over the field (points), coverage and uncertainty, then the errors against each column.
+pub fn figure_svg(data: &Dataset, added: &[AddedEffect]) -> String {
     let view = View::of(data, added);
     let mut panels = view.field_panels();
     panels.extend(view.over_columns());
@@ -312,7 +309,15 @@ pub fn write_figure(path: &Path, data: &Dataset, added: &[AddedEffect]) -> Resul
     for (k, panel) in panels.into_iter().enumerate() {
         figure.put(k / COLUMNS, k % COLUMNS, panel);
     }
-    write_atomic(path, figure.to_svg().as_bytes())
+    figure.to_svg()
+}
+
+/// Writes the figure.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_figure(path: &Path, data: &Dataset, added: &[AddedEffect]) -> Result<(), InputError> {
+    write_atomic(path, figure_svg(data, added).as_bytes())
         .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
 }
 

@@ -58,6 +58,14 @@ pub struct LimbAnswer {
 }
 
 impl LimbQuestion {
+    /// Standard deviation of a focal length, share of it: of a lens with a nominal one.
+    pub const FOCAL_SIGMA_SHARE: f64 = 0.005;
+    /// The same of a 35-mm equivalent, which is rounded to 1 mm.
+    pub const EXIF_FOCAL_SIGMA_SHARE: f64 = 0.04;
+    /// What a camera's own tone curve may shift an edge by, share of its blur: half the light, raised to a power between
+    /// 0.7 and 1.4, stands 0.3 standard deviations off.
+    pub const TONE_SIGMA_SHARE: f64 = 0.3;
+
     /// Measures the limb in a photograph, linear in light.
     pub fn solve(&self, image: &CameraImage) -> LimbAnswer {
         let options = LimbOptions {

@@ -23,14 +23,6 @@ use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
 use crate::setup::read_setup;
 
-/// Standard deviation of a focal length, per cent: of a lens with a nominal one, and of a 35-mm equivalent, which is
-/// rounded to 1 mm.
-const FOCAL_PERCENT: f64 = 0.5;
-const EXIF_FOCAL_PERCENT: f64 = 4.0;
-/// What a camera's own tone curve may shift an edge by, share of its blur: half the light, raised to a power between 0.7
-/// and 1.4, stands 0.3 standard deviations off.
-const TONE_SIGMA_SHARE: f64 = 0.3;
-
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// Photograph of the body: PNG, TIFF, FITS or JPEG.
@@ -124,14 +116,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check()?;
     let body = arguments.body()?;
     let expected = arguments.expected(&body)?;
-    let (photograph, camera, focal_percent) = arguments.read()?;
+    let (photograph, camera, focal_share) = arguments.read()?;
     let question = LimbQuestion {
         camera,
-        focal_sigma_share: arguments.focal_percent.unwrap_or(focal_percent) / 100.0,
+        focal_sigma_share: arguments.focal_percent.map_or(focal_share, |percent| percent / 100.0),
         body,
         sun_angle_rad: arguments.sun_deg.map(f64::to_radians),
         expected,
-        tone_sigma_share: if photograph.linearised { TONE_SIGMA_SHARE } else { 0.0 },
+        tone_sigma_share: if photograph.linearised { LimbQuestion::TONE_SIGMA_SHARE } else { 0.0 },
     };
     let answer = question.solve(&photograph.image);
     let file = arguments.photo.display().to_string();
@@ -145,7 +137,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut notes = photograph.notes();
     if question.tone_sigma_share > 0.0 {
         notes.push(format!(
-            "a camera's own tone curve may shift the limb by {TONE_SIGMA_SHARE} of its blur, which is in sigma"
+            "a camera's own tone curve may shift the limb by {} of its blur, which is in sigma",
+            question.tone_sigma_share
         ));
     }
     notes.extend(question.doubts(&answer));
@@ -332,7 +325,7 @@ impl Arguments {
         })
     }
 
-    /// The photograph, its camera, and the uncertainty of the focal length, per cent.
+    /// The photograph, its camera, and the uncertainty of the focal length, share of it.
     fn read(&self) -> Result<(Photograph, LimbCamera, f64), Failure> {
         let setup = self.setup.as_ref().map(|path| read_setup(path)).transpose()?;
         let options = PhotographOptions {
@@ -373,12 +366,16 @@ impl Arguments {
                 None => Mapping::Pinhole,
                 Some(path) => Mapping::Downstream(Box::new(Calibration::read(path, setup)?)),
             };
-            return Ok((photograph, LimbCamera { pinhole, mapping }, FOCAL_PERCENT));
+            return Ok((photograph, LimbCamera { pinhole, mapping }, LimbQuestion::FOCAL_SIGMA_SHARE));
         }
         let width = f64::from(size[0]);
-        let (focal_px, percent) = match (self.focal_mm, self.pixel_um, self.fov_deg) {
-            (Some(focal_mm), Some(pixel_um), _) => (1e3 * focal_mm / pixel_um, FOCAL_PERCENT),
-            (_, _, Some(deg)) => (0.5 * width / (0.5 * deg.to_radians()).tan(), FOCAL_PERCENT),
+        let (focal_px, share) = match (self.focal_mm, self.pixel_um, self.fov_deg) {
+            (Some(focal_mm), Some(pixel_um), _) => {
+                (1e3 * focal_mm / pixel_um, LimbQuestion::FOCAL_SIGMA_SHARE)
+            }
+            (_, _, Some(deg)) => {
+                (0.5 * width / (0.5 * deg.to_radians()).tan(), LimbQuestion::FOCAL_SIGMA_SHARE)
+            }
             _ => {
                 let focal_px = photograph.exif.focal_px(size).ok_or_else(|| {
                     InputError::new(&self.photo, "the camera's focal length is not known")
@@ -386,10 +383,10 @@ impl Arguments {
                         .expected("--setup FILE, --focal-mm F with --pixel-um P, or --fov-deg DEG")
                         .help("give one of these")
                 })?;
-                (focal_px, EXIF_FOCAL_PERCENT)
+                (focal_px, LimbQuestion::EXIF_FOCAL_SIGMA_SHARE)
             }
         };
-        Ok((photograph, LimbCamera::pinhole(Pinhole::centred(focal_px, size)), percent))
+        Ok((photograph, LimbCamera::pinhole(Pinhole::centred(focal_px, size)), share))
     }
 }
 

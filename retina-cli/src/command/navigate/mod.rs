@@ -5,7 +5,6 @@ mod flashes;
 mod frames_folder;
 mod full_disk;
 mod limb;
-mod star_cameras;
 mod star_text;
 mod stars;
 mod steps;

@@ -1,14 +1,14 @@
 //! `retina navigate stars`.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use retina_files::{InputError, write_atomic};
 use retina_formats::Calibration;
 use retina_image::{CameraImage, Coding, Photograph, PhotographOptions, read_mask};
+use retina_navigation::cameras::{ImageSolver, ImageSolverOptions, KnownCamera};
 use retina_navigation::image::{ImageContext, ImageResult};
-use retina_navigation::planets::{PAPER_POSITION_SIGMA_M, PriorPosition};
+use retina_navigation::planets::PAPER_POSITION_SIGMA_M;
 use retina_navigation::products::{annotated, matches_csv, wcs_header};
 use retina_navigation::stars::SolverOptions;
 use retina_plot::png;
@@ -17,7 +17,6 @@ use retina_sky::observer::Observer;
 use retina_sky::time::parse_epoch;
 use serde_json::{Value, json};
 
-use super::star_cameras::{ANY_FIELD_RAD, Known, Optics, Solvers, exif_field_rad};
 use super::star_text::text;
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
@@ -45,7 +44,7 @@ pub(crate) struct Arguments {
     fov_deg: Option<String>,
     /// Uncertainty of the focal length, per cent.
     #[arg(long, default_value_t = 3.0, value_name = "PERCENT")]
-    pub(super) focal_percent: f64,
+    focal_percent: f64,
     /// Epoch of the images, ISO 8601 [default: star positions of J2020.0].
     #[arg(long, value_name = "EPOCH")]
     time: Option<String>,
@@ -70,16 +69,16 @@ pub(crate) struct Arguments {
     position_3_sigma_km: f64,
     /// Highest accepted probability of a false answer, as log10.
     #[arg(long, default_value_t = -7.0, allow_negative_numbers = true)]
-    pub(super) log10_bound: f64,
+    log10_bound: f64,
     /// Number of star patterns (hypotheses) after which the search on an image stops.
     ///
     /// No ordinary image comes near the default.
     #[arg(long, default_value_t = SolverOptions::default().most_hypotheses, value_name = "N")]
-    pub(super) most_hypotheses: usize,
+    most_hypotheses: usize,
     /// Detection threshold of a point's brightest 3 x 3 pixels over the background, standard
     /// deviations.
     #[arg(long, default_value_t = 5.0)]
-    pub(super) threshold_sigma: f64,
+    threshold_sigma: f64,
     /// Bits of the camera's digital numbers, where they are linear [default: the setup's, or those of
     /// the file].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16))]
@@ -94,12 +93,12 @@ pub(crate) struct Arguments {
     ///
     /// Images are also solved if they turn out to be mirrored; the answer says so.
     #[arg(long)]
-    pub(super) mirrored: bool,
+    mirrored: bool,
     /// How many times as high as wide a pixel is, such as 1.93 for a field of interlaced video.
     ///
     /// Without it and `--setup`, pixels that are not square are tried before an image is refused.
     #[arg(long, value_name = "RATIO", conflicts_with = "setup")]
-    pub(super) pixel_aspect: Option<f64>,
+    pixel_aspect: Option<f64>,
     /// Dark frame of the same exposure, subtracted from each image.
     #[arg(long, value_name = "FILE")]
     dark: Option<PathBuf>,
@@ -156,13 +155,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check_products()?;
     let ephemeris = Ephemeris::read(&arguments.ephemeris)?;
     let (tdb_s, context) = arguments.context(&ephemeris)?;
-    let mut solvers = Solvers { arguments, tdb_s, prepared: BTreeMap::new() };
+    let options = ImageSolverOptions {
+        focal_slack: arguments.focal_percent / 100.0,
+        log10_bound: arguments.log10_bound,
+        most_hypotheses: arguments.most_hypotheses,
+        threshold_sigma: arguments.threshold_sigma,
+        mirrored: arguments.mirrored,
+        pixel_aspect: arguments.pixel_aspect,
+        tdb_s,
+    };
+    let mut solver = ImageSolver::new(optics, options);
     let (mut documents, mut refused, mut worst_arcsec) = (Vec::new(), 0, 0.0f64);
     let mut unreadable: Vec<Failure> = Vec::new();
     let bar = counter(arguments.images.len() as u64, "images");
     for path in bar.wrap_iter(arguments.images.iter()) {
         let file = path.display().to_string();
-        let (photograph, known, context) = match arguments.read(path, &optics, &context) {
+        let (photograph, context) = match arguments.read(path, solver.known(), &context) {
             Ok(read) => read,
             // What other images say is not lost for it.
             Err(error) => {
@@ -175,7 +183,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             }
         };
         let mut notes = photograph.notes();
-        let result = solvers.solve(&photograph, &known, &context, &mut notes)?;
+        let result = solver
+            .solve(&photograph.image, &photograph.exif, &context, &mut notes)
+            .map_err(|error| Failure::new(error.to_string()))?;
         match &result.solution {
             Err(_) => refused += 1,
             Ok(solution) => worst_arcsec = worst_arcsec.max(solution.rms_rad.to_degrees() * 3600.0),
@@ -221,35 +231,35 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Arguments {
-    fn optics(&self) -> Result<Optics, Failure> {
+    fn optics(&self) -> Result<KnownCamera, Failure> {
         if let Some(text) = &self.fov_deg {
-            return Ok(Optics::Field(field_rad(text)?));
+            return Ok(KnownCamera::Field(field_rad(text)?));
         }
         let Some(path) = &self.setup else {
-            return Ok(Optics::Exif);
+            return Ok(KnownCamera::Exif);
         };
         let setup = read_setup(path)?;
         let calibration =
             self.calibration.as_ref().map(|path| Calibration::read(path, &setup)).transpose()?;
-        Ok(Optics::Setup(Box::new(setup), calibration.map(Box::new)))
+        Ok(KnownCamera::Setup(Box::new(setup), calibration.map(Box::new)))
     }
 
-    /// A picture, and what is known of its camera and of its pixels.
-    fn read<'a>(
+    /// A picture, and what is known of its pixels.
+    fn read(
         &self,
         path: &Path,
-        optics: &'a Optics,
+        optics: &KnownCamera,
         context: &ImageContext,
-    ) -> Result<(Photograph, Known<'a>, ImageContext), Failure> {
+    ) -> Result<(Photograph, ImageContext), Failure> {
         let setup_bits = match optics {
-            Optics::Setup(setup, _) => Some(setup.camera.bits),
-            Optics::Field(_) | Optics::Exif => None,
+            KnownCamera::Setup(setup, _) => Some(setup.camera.bits),
+            KnownCamera::Field(_) | KnownCamera::Exif => None,
         };
         let options = PhotographOptions {
             bits: self.bits.or(setup_bits),
             coding: self.coding.map_or(Coding::ByKind, SampleCoding::coding),
             // A setup counts pixels as the sensor does, however a viewer turns them.
-            upright: !matches!(optics, Optics::Setup(..)),
+            upright: !matches!(optics, KnownCamera::Setup(..)),
         };
         let mut photograph = Photograph::read(path, options)?;
         let size = [photograph.image.width_px, photograph.image.height_px];
@@ -264,7 +274,7 @@ impl Arguments {
             flat.as_ref().map(|(path, image)| (path.as_path(), image)),
         )?;
         let mask = self.mask.as_ref().map(|path| read_mask(path, size)).transpose()?;
-        let square = self.pixel_aspect.is_some() || matches!(optics, Optics::Setup(..));
+        let square = self.pixel_aspect.is_some() || matches!(optics, KnownCamera::Setup(..));
         let context = ImageContext {
             mask,
             find_pixel_aspect: !square,
@@ -273,7 +283,7 @@ impl Arguments {
             ..context.clone()
         };
         let image = &photograph.image;
-        if let Optics::Setup(setup, _) = optics {
+        if let KnownCamera::Setup(setup, _) = optics {
             let (found, expected) =
                 ([image.width_px, image.height_px], [setup.camera.width_px, setup.camera.height_px]);
             if found != expected {
@@ -284,12 +294,7 @@ impl Arguments {
                     .into());
             }
         }
-        let known = match optics {
-            Optics::Setup(setup, calibration) => Known::Camera(setup, calibration.as_deref()),
-            Optics::Field(field_rad) => Known::Field(*field_rad),
-            Optics::Exif => exif_field_rad(&photograph).map_or(Known::Field(ANY_FIELD_RAD), Known::Exif),
-        };
-        Ok((photograph, known, context))
+        Ok((photograph, context))
     }
 
     /// Refuses files of one image for several.
@@ -373,11 +378,7 @@ impl Arguments {
         };
         let observer = Observer::new(ephemeris, tdb_s, position, self.velocity(ephemeris)?)
             .map_err(|error| Failure::new(error.to_string()))?;
-        let prior =
-            PriorPosition { observer: observer.clone(), sigma_m: 1e3 * self.position_3_sigma_km / 3.0 };
-        let context =
-            ImageContext { observer: Some(observer), prior: Some(prior), ..ImageContext::default() };
-        Ok((Some(tdb_s), context))
+        Ok((Some(tdb_s), ImageContext::at(observer, 1e3 * self.position_3_sigma_km / 3.0)))
     }
 
     fn velocity(&self, ephemeris: &Ephemeris) -> Result<Option<DVec3>, Failure> {

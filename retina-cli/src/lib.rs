@@ -1,0 +1,177 @@
+//! The command `retina`: arguments in, libraries called, results and errors shown.
+//!
+//! Exit codes: 0 done; 1 done, and a tolerance that the caller asked for is exceeded; 2 bad input
+//! or failure. With `--json` standard output holds one JSON document and nothing else.
+//!
+//! The command is a library, so that the program `retina` and the Python wheel run the same code.
+
+mod command;
+mod failure;
+mod output;
+mod progress;
+mod setup;
+
+use std::ffi::OsString;
+
+use clap::{Parser, Subcommand};
+
+use failure::Failure;
+
+/// Software of a camera-in-the-loop test facility for spaceborne vision sensors.
+#[derive(Parser)]
+#[command(name = "retina", version, arg_required_else_help = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Renders a scene into screen images, with ground truth for each frame.
+    Render(command::render::Arguments),
+    /// Renders poses received over the network, by CORTO's closed-loop protocol.
+    Serve(command::serve::Arguments),
+    /// Resamples an image through the facility's distortion.
+    Warp(command::warp::Arguments),
+    /// Makes calibration screens and the table of their points.
+    Pattern(command::pattern::Arguments),
+    /// Calibrates the facility from measurements.
+    #[command(subcommand)]
+    Calibrate(command::calibrate::Command),
+    /// Compares a model with measurements: errors, noise, and what the errors depend on.
+    Compare(command::compare::Arguments),
+    /// Finds the physical effect that the model lacks, and says what to measure next.
+    Diagnose(command::diagnose::Arguments),
+    /// Fits effects together with the baseline model.
+    Fit(command::fit::Arguments),
+    /// Imports calibrations of other programs as measurements.
+    #[command(subcommand)]
+    Import(command::import::Command),
+    /// Lists and explains the effects of the catalogue.
+    Effects(command::effects::Arguments),
+    /// Joins all report pages of a folder into one page that opens offline.
+    Report(command::report::Arguments),
+    /// Builds a body's mesh and textures from a relief map and an albedo map.
+    Body(command::body::Arguments),
+    /// Generates a trajectory and writes it as a table.
+    Trajectory(command::trajectory::Arguments),
+    /// Makes the contact sheet of a folder of frames.
+    Sheet(command::sheet::Arguments),
+    /// Designs and analyses lens systems: constraints, spots, wavefronts, tolerances, drawings.
+    #[command(subcommand)]
+    Optics(Box<command::optics::Command>),
+    /// Runs measurement campaigns on the virtual bench.
+    #[command(subcommand)]
+    Simulate(command::simulate::Command),
+    /// Finds attitude and position from images.
+    #[command(subcommand)]
+    Navigate(command::navigate::Command),
+    /// Shows which graphics adapter would render.
+    Adapter(command::adapter::Arguments),
+}
+
+/// Runs the command with these arguments, the program's name first, and gives its exit code.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let arguments = match Arguments::try_parse_from(arguments) {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Help goes to standard output and is no failure. Where neither stream can be written the code speaks.
+            let _ = error.print();
+            return u8::try_from(error.exit_code()).unwrap_or(2);
+        }
+    };
+    let result = match arguments.command {
+        Command::Render(arguments) => command::render::run(arguments),
+        Command::Serve(arguments) => command::serve::run(&arguments),
+        Command::Warp(arguments) => command::warp::run(arguments),
+        Command::Pattern(arguments) => command::pattern::run(&arguments),
+        Command::Calibrate(command) => command::calibrate::run(command),
+        Command::Compare(arguments) => command::compare::run(&arguments),
+        Command::Diagnose(arguments) => command::diagnose::run(&arguments),
+        Command::Fit(arguments) => command::fit::run(&arguments),
+        Command::Import(command) => command::import::run(&command),
+        Command::Effects(arguments) => command::effects::run(&arguments),
+        Command::Report(arguments) => command::report::run(&arguments),
+        Command::Body(arguments) => command::body::run(arguments),
+        Command::Trajectory(arguments) => command::trajectory::run(arguments),
+        Command::Sheet(arguments) => command::sheet::run(arguments),
+        Command::Optics(command) => command::optics::run(*command),
+        Command::Simulate(command) => command::simulate::run(&command),
+        Command::Navigate(command) => command::navigate::run(&command),
+        Command::Adapter(arguments) => command::adapter::run(&arguments),
+    };
+    match result {
+        Ok(()) => 0,
+        Err(failure) => {
+            failure.show();
+            failure.exit_code()
+        }
+    }
+}
+
+/// A file of one kind is to be written: its folder must be there and its name end as it should.
+fn check_file(path: &std::path::Path, extension: &str) -> Result<(), Failure> {
+    check_target(path)?;
+    let found = path.extension().and_then(|extension| extension.to_str()).unwrap_or("");
+    if found.eq_ignore_ascii_case(extension) {
+        return Ok(());
+    }
+    Err(retina_files::InputError::new(path, "the file has the wrong extension")
+        .found(format!("`.{found}`"))
+        .expected(format!("`.{extension}`"))
+        .help("give the file a name with the expected extension")
+        .into())
+}
+
+/// Outputs are files of their own: none is an input, no two are one. `both` is read and written on purpose.
+fn check_apart<'a>(
+    inputs: impl IntoIterator<Item = &'a std::path::PathBuf>,
+    outputs: impl IntoIterator<Item = Option<&'a std::path::PathBuf>>,
+    both: Option<&'a std::path::PathBuf>,
+) -> Result<(), Failure> {
+    // A file that is not there yet is known by its folder and name.
+    let place = |path: &std::path::Path| {
+        path.canonicalize().ok().or_else(|| {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+            Some(folder.unwrap_or(std::path::Path::new(".")).canonicalize().ok()?.join(path.file_name()?))
+        })
+    };
+    let inputs: Vec<_> = inputs.into_iter().filter_map(|path| place(path)).collect();
+    let mut written = Vec::new();
+    for path in outputs.into_iter().flatten() {
+        let Some(at) = place(path) else { continue };
+        let problem = if written.contains(&at) {
+            "is given for two outputs"
+        } else if inputs.contains(&at) && both != Some(path) {
+            "is an input and would be overwritten"
+        } else {
+            written.push(at);
+            continue;
+        };
+        return Err(retina_files::InputError::new(path, problem).help("give the output another name").into());
+    }
+    Ok(())
+}
+
+/// Where a file is to be written, its folder must be: `Err` names the folder that is not.
+fn check_target(path: &std::path::Path) -> Result<(), Failure> {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
+            Err(retina_files::InputError::new(path, "cannot be written: its folder does not exist")
+                .found(folder.display())
+                .help("make the folder, or give another path")
+                .into())
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        super::Arguments::command().debug_assert();
+    }
+}

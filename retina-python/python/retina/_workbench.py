@@ -1,0 +1,491 @@
+"""The workbench: how far a model is from measurements, and which physical effect it lacks."""
+
+from __future__ import annotations
+
+import html
+import inspect
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _duck, _native
+from ._calibrate import Calibrations, native_calibration
+from ._duck import PathLike
+from ._errors import RetinaError
+from ._notebook import Figure, Report, shown, table_html
+from ._setup import Setup, setup_of
+
+
+class OwnEffect:
+    """An effect of one's own: a function of a table's columns and of parameters that are fitted.
+
+    Parameters
+    ----------
+    function : callable
+        Its arguments are names of columns and of parameters. Columns come as arrays of shape (rows,), parameters as
+        numbers. It returns ``(dx, dy)`` in arcsec for points, and one array (relative, or mag) for other tables.
+        Beside a table's own columns, points have ``x`` and ``y`` (1 at half the camera's width), ``r``, ``L``
+        (log10 of the irradiance relative to full) and ``F`` (the irradiance).
+    parameters : dict of str to float, or to (float, str)
+        Start value, and unit, of each parameter.
+    name : str, optional
+        Default: the function's name.
+
+    Examples
+    --------
+    >>> def settling(x, y, time_s, a_arcsec, tau_s):
+    ...     grown = a_arcsec * (1 - np.exp(-time_s / tau_s))
+    ...     return grown * x, grown * y
+    >>> effect = OwnEffect(settling, {"a_arcsec": 2.0, "tau_s": 300.0})
+    >>> effect.columns
+    ['x', 'y', 'time_s']
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        parameters: Mapping[str, float | tuple[float, str]],
+        name: str | None = None,
+    ) -> None:
+        self.function = function
+        self.name = name or function.__name__
+        self.parameters: dict[str, tuple[float, str]] = {}
+        for parameter, start in parameters.items():
+            value, unit = start if isinstance(start, tuple) else (start, "")
+            self.parameters[parameter] = (float(value), unit)
+        arguments = inspect.signature(function).parameters
+        missing = [parameter for parameter in self.parameters if parameter not in arguments]
+        if missing:
+            raise RetinaError(
+                "takes no such parameter",
+                place=f"effect `{self.name}`",
+                found=", ".join(missing),
+                expected=f"arguments {', '.join(arguments)}",
+                help="name the function's arguments after the columns and the parameters",
+            )
+        self.columns = [argument for argument in arguments if argument not in self.parameters]
+
+    def _described(self) -> tuple[str, Callable[..., Any], list[str], list[tuple[str, float, str]]]:
+        parameters = [(name, start, unit) for name, (start, unit) in self.parameters.items()]
+        return self.name, self.function, self.columns, parameters
+
+    def __repr__(self) -> str:
+        return f"<OwnEffect {self.name} of {', '.join(self.columns)}>"
+
+
+#: An id of the catalogue, a file that ends in ``.toml``, or an `OwnEffect`.
+Effects: TypeAlias = str | os.PathLike[str] | OwnEffect
+
+
+class _Findings(Report):
+    """What the workbench's results share."""
+
+    def __init__(self, native: _native.Findings) -> None:
+        super().__init__(native.document())
+        self._native = native
+
+    @property
+    def rows(self) -> int:
+        """Rows of the table."""
+        return int(self._document["rows"])
+
+    @property
+    def outliers(self) -> int:
+        """Number of outliers."""
+        return int(self._document["outliers"])
+
+    @property
+    def notes(self) -> list[str]:
+        """What was done with the table."""
+        return self._texts("notes")
+
+    def plot(self) -> Figure:
+        """Draw the model's errors over the field and against the columns; of frames, the images."""
+        return Figure(self._native.svg())
+
+    def to_html(self) -> str:
+        """Return the command's report page, which opens offline."""
+        return self._native.html()
+
+    def write_report(self, path: PathLike) -> None:
+        """Write the command's report page."""
+        self._native.write_report(os.fspath(path))
+
+    def __str__(self) -> str:
+        return "\n".join(self._native.text())
+
+
+class Comparison(_Findings):
+    """How far a model is from measurements, and on what its errors depend."""
+
+    @property
+    def rms(self) -> float:
+        """Weighted root mean square of the errors per axis, without outliers, in `unit`."""
+        return float(self._document["rms"])
+
+    @property
+    def noise_floor(self) -> float:
+        """The noise, as it is known apart from the model, in `unit`."""
+        return float(self._document["noise_floor"])
+
+    @property
+    def unit(self) -> str:
+        """``arcsec``, ``relative``, ``mag`` or ``DN``."""
+        return str(self._document["unit"])
+
+    @property
+    def percentiles(self) -> dict[str, float]:
+        """Sizes of the errors at 50, 68, 90, 95, 96 and 99 per cent, in `unit`."""
+        return dict(self._document["percentiles"])
+
+    @property
+    def fraction_within_10_arcsec(self) -> float | None:
+        """Share of the points within 10 arcsec; None of other tables."""
+        return self._optional("fraction_within_10_arcsec")
+
+    @property
+    def dependence(self) -> list[dict[str, Any]]:
+        """Columns on which the errors depend: ``covariates``, ``p_value``, ``share``."""
+        return list(self._document["dependence"])
+
+    @property
+    def worst_groups(self) -> list[dict[str, Any]]:
+        """Exposures, series or nights with the largest errors."""
+        return list(self._document["worst_groups"])
+
+    def __repr__(self) -> str:
+        return f"<Comparison: {self.rms:.4g} {self.unit} rms, noise {self.noise_floor:.4g}>"
+
+    def _repr_html_(self) -> str:
+        rows = [("rms", f"{self.rms:.4g} {self.unit}"), ("noise floor", f"{self.noise_floor:.4g} {self.unit}")]
+        rows += [(", ".join(d["covariates"]), f"p {d['p_value']:.2g}") for d in self.dependence[:8]]
+        return table_html("comparison", ("", ""), rows)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that was tried.
+
+    Attributes
+    ----------
+    effect : str
+        Its id.
+    p_value : float
+        Corrected for the number of candidates tried.
+    heldout_rms : float
+        Error of held-out groups with it, in the table's unit.
+    parameters : dict
+        By name ``value`` and ``sigma``.
+    """
+
+    effect: str
+    p_value: float
+    heldout_rms: float
+    parameters: dict[str, Any]
+
+
+class Diagnosis(_Findings):
+    """Which physical effect a model lacks, and what to measure next."""
+
+    @property
+    def verdict(self) -> str:
+        """``adequate``, ``named``, ``confounded``, ``unknown`` or ``undecided``."""
+        return str(self._document["verdict"])
+
+    @property
+    def headline(self) -> str:
+        """The verdict in a sentence."""
+        return str(self._document.get("headline") or "")
+
+    @property
+    def accepted(self) -> list[str]:
+        """Ids of the effects that were accepted, in their order."""
+        return self._texts("accepted")
+
+    @property
+    def candidates(self) -> list[Candidate]:
+        """Effects that were tried, the best first."""
+        names = ("effect", "p_value", "heldout_rms", "parameters")
+        return [Candidate(**{name: entry[name] for name in names}) for entry in self._document["candidates"]]
+
+    @property
+    def indistinguishable(self) -> list[str]:
+        """The effects that these data cannot tell apart."""
+        return self._texts("indistinguishable")
+
+    @property
+    def next_measurement(self) -> dict[str, Any] | None:
+        """What to measure next: ``action``, ``value``, ``separates``, ``expected_sigma``."""
+        following: dict[str, Any] | None = self._document["next_measurement"]
+        return following
+
+    @property
+    def baseline_heldout_rms(self) -> float:
+        """Error of held-out groups by the baseline alone, in `unit`."""
+        return float(self._document["baseline"]["heldout_rms"])
+
+    @property
+    def noise_floor(self) -> float:
+        """The noise, as it is known apart from the model, in `unit`."""
+        return float(self._document["baseline"]["noise_floor"])
+
+    @property
+    def unit(self) -> str:
+        """``arcsec``, ``relative``, ``mag`` or ``DN``."""
+        return str(self._document["baseline"]["unit"])
+
+    @property
+    def steps(self) -> list[dict[str, Any]]:
+        """How the held-out error falls: ``effects`` and ``heldout_rms`` of each step."""
+        return list(self._document["steps"])
+
+    @property
+    def unexplained(self) -> dict[str, Any]:
+        """Structure that no effect explains: ``p_value`` and ``covariates``."""
+        return dict(self._document["unexplained"])
+
+    def __repr__(self) -> str:
+        return f"<Diagnosis: {self.verdict}{': ' if self.accepted else ''}{' and '.join(self.accepted)}>"
+
+    def _repr_html_(self) -> str:
+        steps = [(" + ".join(step["effects"]) or "baseline", f"{step['heldout_rms']:.4g} {self.unit}") for step in self.steps]
+        tried = [(c.effect, f"{c.p_value:.2g}", f"{c.heldout_rms:.4g} {self.unit}") for c in self.candidates[:8]]
+        return (
+            f"<h4>{html.escape(self.verdict)}</h4><p>{html.escape(self.headline)}</p>"
+            + table_html("held-out error", ("model", "rms"), steps)
+            + table_html("candidates", ("effect", "p", "held-out rms"), tried)
+        )
+
+
+class Fit(_Findings):
+    """Effects estimated together with the baseline."""
+
+    @property
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """By name ``value`` and ``sigma``."""
+        return dict(self._document["parameters"])
+
+    @property
+    def correlation(self) -> npt.NDArray[np.float64]:
+        """Correlation of the parameters in `correlated`, shape (parameters, parameters)."""
+        return np.array(self._document["correlation"]["matrix"], dtype=float)
+
+    @property
+    def correlated(self) -> list[str]:
+        """Names of the parameters that `correlation` has; those chosen from lists have none."""
+        return list(self._document["correlation"]["parameters"])
+
+    @property
+    def rms(self) -> float:
+        """Weighted root mean square of the errors per axis, without outliers."""
+        return float(self._document["rms"])
+
+    @property
+    def heldout_rms(self) -> float:
+        """The same of held-out groups."""
+        return float(self._document["heldout_rms"])
+
+    @property
+    def noise_floor(self) -> float:
+        """The noise, as it is known apart from the model."""
+        return float(self._document["noise_floor"])
+
+    @property
+    def predictions(self) -> dict[str, Any]:
+        """Baseline, effect and error of every row, as columns; NaN of rows that were not fitted."""
+        return self._native.predictions()
+
+    def write_model(self, path: PathLike) -> float:
+        """Write the model as a calibration (tables of points only).
+
+        Returns
+        -------
+        float
+            How far the written polynomials are from the model, arcsec rms.
+        """
+        return self._native.write_model(os.fspath(path))
+
+    def __repr__(self) -> str:
+        return f"<Fit: {self.rms:.4g} rms, {self.heldout_rms:.4g} held out, noise {self.noise_floor:.4g}>"
+
+    def _repr_html_(self) -> str:
+        rows = ((name, shown(p["value"]), shown(p["sigma"])) for name, p in self.parameters.items())
+        return table_html(f"fit, {self.heldout_rms:.4g} held out", ("parameter", "value", "sigma"), rows)
+
+
+def _investigated(
+    what: str,
+    setup: Setup | PathLike,
+    data: Any,
+    calibration: Calibrations | None,
+    effects: Effects | Sequence[Effects],
+    baseline: str,
+    flips: int = 1999,
+    seed: int = 1,
+) -> _native.Findings:
+    own = setup_of(setup)
+    listed = [effects] if isinstance(effects, (str, os.PathLike, OwnEffect)) else list(effects)
+    described = [effect._described() if isinstance(effect, OwnEffect) else os.fspath(effect) for effect in listed]
+    return _native.investigate(
+        what,
+        own._native,
+        _duck.table(data),
+        native_calibration(calibration, own),
+        described,
+        baseline,
+        flips,
+        seed,
+    )
+
+
+def compare(
+    setup: Setup | PathLike,
+    data: Any,
+    calibration: Calibrations | None = None,
+    *,
+    effects: Effects | Sequence[Effects] = (),
+    baseline: str = "physical",
+) -> Comparison:
+    """Compare a model with measurements: errors, noise, and what the errors depend on.
+
+    Parameters
+    ----------
+    setup : Setup, path or str
+        The facility.
+    data : table, path or sequence of paths
+        Points, power readings, a phase curve, or (files only) frames. A table is a dict of arrays or anything with
+        columns.
+    calibration : optional
+        Held fixed: of points its distortion, of power readings its response.
+    effects : str, path, OwnEffect, or a sequence of them
+        Effects to fit: ids of the catalogue, files with formulas, functions.
+    baseline : str
+        ``physical``, ``polynomial:N`` with N from 1 to 7, or a lens model (``pinhole``, ``fisheye:equidistant``,
+        ``fisheye:equisolid``, ``fisheye:stereographic``, ``fisheye:kannala-brandt``, ``rational``). Frames:
+        ``physical`` or ``gain``.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    RetinaError
+        The table, the calibration or an effect does not fit.
+    """
+    return Comparison(_investigated("compare", setup, data, calibration, effects, baseline))
+
+
+def diagnose(
+    setup: Setup | PathLike,
+    data: Any,
+    calibration: Calibrations | None = None,
+    *,
+    effects: Effects | Sequence[Effects] = (),
+    baseline: str = "physical",
+    flips: int = 1999,
+    seed: int = 1,
+) -> Diagnosis:
+    """Find the physical effect that a model lacks, and what to measure next.
+
+    Parameters
+    ----------
+    setup, data, calibration, effects, baseline
+        As `compare` takes them. `effects` are those that the model already has.
+    flips : int
+        Number of sign flips of whole groups, 199 to 99999. The smallest p-value is 1 / (flips + 1).
+    seed : int
+        Seed of the sign flips.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    RetinaError
+        The table, the calibration or an effect does not fit.
+    """
+    return Diagnosis(_investigated("diagnose", setup, data, calibration, effects, baseline, flips, seed))
+
+
+def fit(
+    setup: Setup | PathLike,
+    data: Any,
+    effects: Effects | Sequence[Effects],
+    calibration: Calibrations | None = None,
+    *,
+    baseline: str = "physical",
+) -> Fit:
+    """Fit effects together with the baseline model.
+
+    Parameters
+    ----------
+    setup, data, effects, calibration, baseline
+        As `compare` takes them.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    RetinaError
+        The table, the calibration or an effect does not fit.
+    """
+    return Fit(_investigated("fit", setup, data, calibration, effects, baseline))
+
+
+class Effect(Report):
+    """An effect of the catalogue."""
+
+    @property
+    def name(self) -> str:
+        """Its id."""
+        return str(self._document["effect"])
+
+    @property
+    def table(self) -> str:
+        """The kind of table that shows it: points, power, phase or frames."""
+        return str(self._document["table"])
+
+    @property
+    def formula(self) -> str:
+        """Its form."""
+        return str(self._document["formula"])
+
+    @property
+    def source(self) -> str:
+        """Where it is from."""
+        return str(self._document["source"])
+
+    @property
+    def covariates(self) -> list[str]:
+        """The columns that it depends on."""
+        return self._texts("covariates")
+
+    def plots(self) -> list[Figure]:
+        """Draw its signature."""
+        return [Figure(svg) for svg in _native.effect_svgs(self.name)]
+
+    def __repr__(self) -> str:
+        return f"<Effect {self.name} on {self.table}>"
+
+    def _repr_html_(self) -> str:
+        names = ("table", "formula", "source", "covariates")
+        return table_html(self.name, ("", ""), ((name, shown(getattr(self, name))) for name in names))
+
+
+def effects(table: str | None = None) -> dict[str, Effect]:
+    """List the effects of the catalogue, by id.
+
+    Parameters
+    ----------
+    table : {"points", "power", "phase", "frames"}, optional
+        Only those on this kind of table.
+    """
+    return {entry["effect"]: Effect(entry) for entry in _native.effect_list(table)}

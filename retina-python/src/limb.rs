@@ -1,0 +1,201 @@
+//! A body's place from its limb.
+
+use std::path::PathBuf;
+
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use retina::geometry::Pinhole;
+use retina::glam::{DMat3, DVec3};
+use retina::image::CameraImage;
+use retina::model::load_body;
+use retina::navigation::limb::{KnownBody, LimbAnswer, LimbCamera, LimbQuestion, Mapping};
+use retina::navigation::products::limb_picture;
+use retina::sky::planets::{Planet, seen_planet};
+
+use crate::calibrations::PyCalibration;
+use crate::convert::{document, quaternion};
+use crate::errors::{Failure, python_names};
+use crate::setup::PySetup;
+use crate::stars::{PyObserver, picture};
+use crate::work;
+
+/// What is known of the body: a name or a mesh, or semi-axes.
+#[derive(FromPyObject)]
+pub(crate) enum BodyOf<'py> {
+    Named(String),
+    Axes(PyReadonlyArray1<'py, f64>),
+}
+
+/// What a photograph gave, and what it takes to draw it.
+#[pyclass(name = "LimbAnswer", module = "retina._native", frozen)]
+pub(crate) struct PyLimbAnswer {
+    question: LimbQuestion,
+    answer: LimbAnswer,
+    image: CameraImage,
+    file: String,
+    notes: Vec<String>,
+}
+
+/// Measures a body's limb in an image.
+#[pyfunction]
+#[pyo3(signature = (image, setup, calibration, focal_px, field_rad, focal_sigma_share, body, camera_from_body, limb_height_m, limb_height_sigma_m, sun_angle_rad, observer, bits))]
+pub(crate) fn fit_limb<'py>(
+    py: Python<'py>,
+    image: Bound<'py, PyAny>,
+    setup: Option<PyRef<'py, PySetup>>,
+    calibration: Option<PyRef<'py, PyCalibration>>,
+    focal_px: Option<f64>,
+    field_rad: Option<f64>,
+    focal_sigma_share: Option<f64>,
+    body: BodyOf<'py>,
+    camera_from_body: Option<PyReadonlyArray1<'py, f64>>,
+    limb_height_m: Option<f64>,
+    limb_height_sigma_m: Option<f64>,
+    sun_angle_rad: Option<f64>,
+    observer: Option<PyRef<'py, PyObserver>>,
+    bits: Option<u32>,
+) -> PyResult<PyLimbAnswer> {
+    let camera_from_body =
+        camera_from_body.map(|turn| quaternion("camera_from_body", &turn)).transpose()?.map(DMat3::from_quat);
+    let known = known_body(py, body, camera_from_body)?;
+    let given_height = limb_height_sigma_m.is_some();
+    let known = KnownBody {
+        limb_height_m: limb_height_m.unwrap_or(known.limb_height_m),
+        limb_height_sigma_m: limb_height_sigma_m.unwrap_or(known.limb_height_sigma_m),
+        limb_height_source: if given_height { "as given".to_owned() } else { known.limb_height_source },
+        ..known
+    };
+    let expected = match (observer, known.planet) {
+        (None, _) => None,
+        (Some(observer), Some(planet)) => {
+            let seen = seen_planet(&observer.observer, planet).map_err(Failure::from)?;
+            let inside = || Failure::new("the camera is inside the body, or on it");
+            Some(seen.ok_or_else(inside)?)
+        }
+        (Some(_), None) => {
+            let expected = "\"moon\" or a planet, where a time and a place are given";
+            return Err(Failure::argument(
+                "body",
+                "has no ephemeris",
+                format!("\"{}\"", known.name),
+                expected,
+            )
+            .into());
+        }
+    };
+    let bits = bits.or(setup.as_ref().map(|setup| setup.setup.camera.bits));
+    let picture = picture(py, &image, bits, setup.as_ref().map(|setup| &*setup.setup))?;
+    let size = [picture.image.width_px, picture.image.height_px];
+    let exif_focal_px = picture.exif.focal_px(size);
+    let focal_px = focal_px.or(field_rad.map(|field_rad| 0.5 * f64::from(size[0]) / (0.5 * field_rad).tan()));
+    let (camera, usual_share) = match (&setup, focal_px, exif_focal_px) {
+        (Some(setup), _, _) => {
+            let mapping = match calibration {
+                None => Mapping::Pinhole,
+                Some(given) => {
+                    let read = given.given.geometry(&setup.setup).map_err(Failure::from)?;
+                    Mapping::Downstream(Box::new(read))
+                }
+            };
+            (LimbCamera { pinhole: setup.setup.camera_pinhole(), mapping }, LimbQuestion::FOCAL_SIGMA_SHARE)
+        }
+        (None, Some(focal_px), _) => {
+            (LimbCamera::pinhole(Pinhole::centred(focal_px, size)), LimbQuestion::FOCAL_SIGMA_SHARE)
+        }
+        (None, None, Some(focal_px)) => {
+            (LimbCamera::pinhole(Pinhole::centred(focal_px, size)), LimbQuestion::EXIF_FOCAL_SIGMA_SHARE)
+        }
+        (None, None, None) => {
+            let problem = "is needed: the camera's focal length is not known";
+            let expected = "setup=, focal_mm= with pixel_um=, fov_deg=, or a file with a 35-mm equivalent in its EXIF data";
+            return Err(Failure::argument("setup", problem, "none", expected).into());
+        }
+    };
+    let question = LimbQuestion {
+        camera,
+        focal_sigma_share: focal_sigma_share.unwrap_or(usual_share),
+        body: known,
+        sun_angle_rad,
+        expected,
+        tone_sigma_share: if picture.linearised { LimbQuestion::TONE_SIGMA_SHARE } else { 0.0 },
+    };
+    work::run(py, None, move |_| {
+        let answer = question.solve(&picture.image);
+        let mut notes = picture.notes;
+        notes.extend(question.doubts(&answer));
+        Ok(PyLimbAnswer { question, answer, image: picture.image, file: picture.file, notes })
+    })
+}
+
+fn known_body(py: Python<'_>, body: BodyOf<'_>, turn: Option<DMat3>) -> PyResult<KnownBody> {
+    let known = match body {
+        BodyOf::Axes(axes_m) => {
+            let values: Vec<f64> = axes_m.as_array().iter().copied().collect();
+            let axes_m = match values[..] {
+                [radius_m] => DVec3::splat(radius_m),
+                [a, b, c] => DVec3::new(a, b, c),
+                _ => {
+                    let expected = "a radius, or three semi-axes, m";
+                    return Err(Failure::argument(
+                        "body",
+                        "is no ellipsoid",
+                        format!("{values:?}"),
+                        expected,
+                    )
+                    .into());
+                }
+            };
+            KnownBody::ellipsoid("body", axes_m, turn)
+        }
+        BodyOf::Named(name) => match Planet::from_name(&name) {
+            Some(planet) => KnownBody::planet(planet, turn),
+            None if PathBuf::from(&name).extension().is_some() => {
+                let path = PathBuf::from(&name);
+                let shape = py.detach(|| load_body(&path)?.ellipsoid(&path)).map_err(Failure::from)?;
+                let turn = turn.map(|camera_from_body| camera_from_body * shape.body_from_axes);
+                let stem = path.file_stem().map_or(name.clone(), |stem| stem.to_string_lossy().into());
+                KnownBody::ellipsoid(&stem, shape.semi_axes_m, turn).map(|known| {
+                    known.with_limb(0.0, shape.rms_height_m, "the mesh's height above its ellipsoid, rms")
+                })
+            }
+            None => {
+                let expected =
+                    "\"moon\", a planet such as \"earth\", a mesh (.glb, .gltf, .obj), or semi-axes in m";
+                return Err(Failure::argument("body", "is not known", format!("\"{name}\""), expected).into());
+            }
+        },
+    };
+    Ok(known.map_err(Failure::from)?)
+}
+
+#[pymethods]
+impl PyLimbAnswer {
+    /// What `navigate limb --json` says.
+    fn document(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let mut told = self.question.json(&self.answer);
+        if let Some(message) = told.get("message").and_then(|text| text.as_str()).map(python_names) {
+            told["message"] = message.into();
+        }
+        told["file"] = self.file.clone().into();
+        told["notes"] = self.notes.iter().map(|note| python_names(note)).collect();
+        document(py, &told)
+    }
+
+    /// The limb's points in the order of the outline, as columns; none where the image is refused.
+    fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let points = self.answer.sight.as_ref().map_or(&[][..], |sight| &sight.solution.points);
+        let out = PyDict::new(py);
+        out.set_item("x_px", PyArray1::from_iter(py, points.iter().map(|p| p.pixel.x)))?;
+        out.set_item("y_px", PyArray1::from_iter(py, points.iter().map(|p| p.pixel.y)))?;
+        out.set_item("sigma_px", PyArray1::from_iter(py, points.iter().map(|p| p.sigma_px)))?;
+        out.set_item("residual_px", PyArray1::from_iter(py, points.iter().map(|p| p.residual_px)))?;
+        out.set_item("used", PyArray1::from_iter(py, points.iter().map(|p| p.used)))?;
+        Ok(out)
+    }
+
+    /// The image with the fitted outline, and the residuals along the limb, as SVG.
+    fn svg(&self, py: Python<'_>, title: &str) -> String {
+        py.detach(|| limb_picture(&self.question, &self.answer, &self.image, title).to_svg())
+    }
+}

@@ -1,0 +1,72 @@
+"""Long work: the interpreter's lock, Ctrl-C, progress."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from typing import Any
+
+import pytest
+
+import retina
+from conftest import warming_points
+
+LONG = {"exposures": 400, "points": 60, "nodes": (7, 5), "lines": 1}
+
+
+def test_other_threads_run_meanwhile(warming: dict[str, Any]) -> None:
+    turns = 0
+    done = threading.Event()
+
+    def count() -> None:
+        nonlocal turns
+        while not done.is_set():
+            turns += 1
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    begin = time.perf_counter()
+    retina.diagnose("wide-fov", warming)
+    seconds = time.perf_counter() - begin
+    done.set()
+    thread.join()
+    # With the lock held it would turn once or twice.
+    assert turns > 20 * seconds
+
+
+def test_progress_is_told_and_may_stop_the_work() -> None:
+    told: list[tuple[int, int]] = []
+
+    def enough(done: int, total: int) -> None:
+        told.append((done, total))
+        if done == 3:
+            raise StopIteration("enough")
+
+    with pytest.raises(StopIteration, match="enough"):
+        retina.simulate_points("wide-fov", **LONG, progress=enough)
+    assert told == [(1, 400), (2, 400), (3, 400)]
+    # The work ends at its next report, so that the thread is gone soon.
+    time.sleep(0.3)
+    before = time.process_time()
+    time.sleep(0.3)
+    assert time.process_time() - before < 0.2
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no signals")
+@pytest.mark.parametrize("what", ["simulate", "diagnose"])
+def test_ctrl_c_is_raised_at_once(what: str) -> None:
+    table = warming_points(100, 100) if what == "diagnose" else {}
+    timer = threading.Timer(0.4, lambda: os.kill(os.getpid(), signal.SIGINT))
+    timer.start()
+    begin = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        if what == "simulate":
+            retina.simulate_points("wide-fov", **LONG, progress=None)
+        else:
+            retina.diagnose("wide-fov", table, flips=99_999)
+    assert time.perf_counter() - begin < 2.0
+    timer.join()

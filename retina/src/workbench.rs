@@ -1,0 +1,270 @@
+//! What compare, diagnose and fit work on: a facility, its measurements and a model, checked against each other.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use retina_diagnosis::{AddedEffect, Baseline, Dataset, OwnEffect, Source};
+use retina_files::InputError;
+use retina_formats::{Calibration, CalibrationFile, Measurements, RadiometricCalibration, TableKind};
+use retina_frames::{FrameSet, FramesSource};
+use retina_geometry::Setup;
+
+/// Measurements: tables in files, or one made in memory.
+#[derive(Debug, Clone)]
+pub enum Measured {
+    /// Files of one kind, read together.
+    Files(Vec<PathBuf>),
+    /// Points, power readings or a phase curve.
+    Memory(Box<Measurements>),
+}
+
+/// A calibration as it stands in its file; the path names it in errors.
+#[derive(Debug, Clone)]
+pub struct GivenCalibration {
+    /// Its contents, read for the setup.
+    pub file: CalibrationFile,
+    /// Where it lies, or what made it.
+    pub path: PathBuf,
+}
+
+impl GivenCalibration {
+    /// Reads a calibration of `setup`.
+    ///
+    /// # Errors
+    /// It cannot be read, or is another setup's.
+    pub fn read(path: &Path, setup: &Setup) -> Result<Self, InputError> {
+        Ok(Self { file: CalibrationFile::read(path, setup)?, path: path.to_path_buf() })
+    }
+
+    /// Its geometry.
+    ///
+    /// # Errors
+    /// It has none.
+    pub fn geometry(&self, setup: &Setup) -> Result<Calibration, InputError> {
+        Calibration::of_file(self.file.clone(), &self.path, setup)
+    }
+
+    /// Its response, for readings of a power meter.
+    ///
+    /// # Errors
+    /// It has none.
+    pub fn response(&self, setup: &Setup) -> Result<RadiometricCalibration, InputError> {
+        RadiometricCalibration::of_file(&self.file, &self.path, setup)?.ok_or_else(|| {
+            InputError::new(&self.path, "the calibration has no response")
+                .at("table `response`")
+                .expected("a calibration of the display's light, for readings of a power meter")
+                .help("`retina calibrate radiometry --data power.csv --out ...` makes one")
+        })
+    }
+}
+
+/// A facility, its measurements, and the model that they are compared with.
+#[derive(Debug, Clone)]
+pub struct Input {
+    /// The facility.
+    pub setup: Setup,
+    /// The measurements.
+    pub measured: Measured,
+    /// A calibration that is held fixed. Of points its distortion is held, of power readings its response.
+    pub calibration: Option<GivenCalibration>,
+    /// The baseline's name, as [`Baseline::parse`] takes it; of frames `physical` or `gain`.
+    pub baseline: String,
+}
+
+/// Measurements with what they are compared with.
+pub struct TableMaterial {
+    /// The facility.
+    pub setup: Setup,
+    /// The measurements.
+    pub tables: Measurements,
+    /// The distortion that is held fixed.
+    pub calibration: Option<Calibration>,
+    /// Their residuals, groups and covariates.
+    pub data: Dataset,
+}
+
+/// What a calibration is held for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Calibrated {
+    Nothing,
+    Geometry,
+    Response,
+}
+
+impl Input {
+    fn kind(&self) -> Result<Option<TableKind>, InputError> {
+        match &self.measured {
+            Measured::Files(files) => files.first().map(|file| TableKind::of_file(file)).transpose(),
+            Measured::Memory(tables) => Ok(Some(tables.kind())),
+        }
+    }
+
+    /// What the table is called in errors.
+    fn name(&self) -> String {
+        match &self.measured {
+            Measured::Files(files) => {
+                files.first().map_or_else(String::new, |file| file.display().to_string())
+            }
+            Measured::Memory(tables) => tables.kind().name().to_owned(),
+        }
+    }
+
+    fn calibrated(&self) -> Result<Calibrated, InputError> {
+        let flag = if self.calibration.is_some() {
+            "--calibration"
+        } else if self.baseline != "physical" {
+            "--baseline"
+        } else {
+            return Ok(Calibrated::Nothing);
+        };
+        match self.kind()? {
+            None => return Ok(Calibrated::Nothing),
+            Some(TableKind::Points) => return Ok(Calibrated::Geometry),
+            Some(TableKind::Power) if flag == "--calibration" => return Ok(Calibrated::Response),
+            Some(_) => {}
+        }
+        let tables = if flag == "--baseline" { "points" } else { "points or of power readings" };
+        Err(InputError::new(flag, format!("applies only to tables of {tables}"))
+            .found(format!("{}, a table of another kind", self.name()))
+            .help(format!("leave out {flag}: other tables have one baseline")))
+    }
+
+    /// The frames, where the first table is one of frames.
+    ///
+    /// # Errors
+    /// A table, an image or the baseline does not fit.
+    pub fn frames(&self) -> Result<Option<FrameSet>, InputError> {
+        let Measured::Files(files) = &self.measured else { return Ok(None) };
+        if self.kind()? != Some(TableKind::Frames) {
+            return Ok(None);
+        }
+        let register = match self.baseline.as_str() {
+            "physical" => true,
+            "gain" => false,
+            other => {
+                return Err(InputError::new("--baseline", "is not a baseline for frames")
+                    .found(format!("`{other}`"))
+                    .expected("`physical` (gain, offset, shift, roll, scale) or `gain`"));
+            }
+        };
+        let calibration = self.calibration.as_ref().map(|given| given.geometry(&self.setup)).transpose()?;
+        let source = FramesSource { files, setup: &self.setup, calibration: calibration.as_ref(), register };
+        FrameSet::read(&source).map(Some)
+    }
+
+    /// Points, power readings or a phase curve with their model.
+    ///
+    /// # Errors
+    /// A table, the calibration or the baseline does not fit.
+    pub fn table(self) -> Result<TableMaterial, InputError> {
+        let baseline = Baseline::parse(&self.baseline)?;
+        if self.calibration.is_some() && baseline != Baseline::Physical {
+            return Err(InputError::new(
+                "--baseline",
+                "has no effect with --calibration, which is held fixed",
+            )
+            .help("leave out one of the two"));
+        }
+        let kind = self.calibrated()?;
+        let Self { setup, measured, calibration: given, .. } = self;
+        let given = |of: Calibrated| given.as_ref().filter(|_| kind == of);
+        let calibration = given(Calibrated::Geometry).map(|given| given.geometry(&setup)).transpose()?;
+        let response = given(Calibrated::Response).map(|given| given.response(&setup)).transpose()?;
+        let tables = match measured {
+            Measured::Files(files) => Measurements::read(&files)?,
+            Measured::Memory(tables) => *tables,
+        };
+        let source = Source {
+            tables: &tables,
+            setup: &setup,
+            calibration: calibration.as_ref(),
+            response: response.as_ref(),
+            baseline,
+        };
+        let mut data = Dataset::new(&source)?;
+        if matches!(tables, Measurements::Points(_)) {
+            data = with_lenses(data, &setup);
+        }
+        Ok(TableMaterial { setup, tables, calibration, data })
+    }
+}
+
+/// Gives the data the facility's lenses. Of a setup whose lenses cannot be traced the leading forms hold, and a note says
+/// so.
+fn with_lenses(mut data: Dataset, setup: &Setup) -> Dataset {
+    let camera = setup.camera_pinhole();
+    let corner = glam::DVec2::new(
+        f64::from(camera.width_px) / camera.fx_px,
+        f64::from(camera.height_px) / camera.fy_px,
+    );
+    match retina_bench::display_rays(setup, 0.5 * corner.length()) {
+        Ok(rays) => data.with_display_rays(rays),
+        Err(error) => {
+            data.notes.push(format!("effects of the display's place have their leading forms: {error}"));
+            data
+        }
+    }
+}
+
+/// An effect that the model already has.
+#[derive(Clone)]
+pub enum GivenEffect {
+    /// An id of the catalogue, or a file that ends in `.toml`.
+    Text(String),
+    /// A program's own.
+    Own(Arc<dyn OwnEffect>),
+}
+
+impl GivenEffect {
+    fn name(&self) -> &str {
+        match self {
+            Self::Text(text) => text,
+            Self::Own(effect) => effect.name(),
+        }
+    }
+}
+
+/// The effects that a model of tables has, each once.
+///
+/// # Errors
+/// One is given twice, does not fit the table, or cannot be fitted to it.
+pub fn added_effects(effects: &[GivenEffect], data: &Dataset) -> Result<Vec<AddedEffect>, InputError> {
+    let mut out: Vec<AddedEffect> = Vec::new();
+    for effect in effects {
+        let effect = match effect {
+            GivenEffect::Text(text) => AddedEffect::read(text, data)?,
+            GivenEffect::Own(effect) => AddedEffect::own_shared(Arc::clone(effect), data)?,
+        };
+        if out.iter().any(|other| other.name() == effect.name()) {
+            return Err(twice(effect.name()));
+        }
+        out.push(effect);
+    }
+    retina_diagnosis::check_effects(data, &out)?;
+    Ok(out)
+}
+
+/// The effects that a model of frames has, as text, each once.
+///
+/// # Errors
+/// One is given twice, or is a program's own: pixels are predicted anew, which takes an effect of the catalogue.
+pub fn frame_effects(effects: &[GivenEffect]) -> Result<Vec<String>, InputError> {
+    let repeated =
+        effects.iter().enumerate().find(|(k, e)| effects[..*k].iter().any(|o| o.name() == e.name()));
+    if let Some((_, effect)) = repeated {
+        return Err(twice(effect.name()));
+    }
+    let of = |effect: &GivenEffect| match effect {
+        GivenEffect::Text(text) => Ok(text.clone()),
+        GivenEffect::Own(effect) => {
+            Err(InputError::new("--effect", "is a function, which frames do not take")
+                .found(format!("`{}`", effect.name()))
+                .expected("an effect's id, or a file that ends in .toml"))
+        }
+    };
+    effects.iter().map(of).collect()
+}
+
+fn twice(name: &str) -> InputError {
+    InputError::new("--effect", "is given twice").found(format!("`{name}`"))
+}
