@@ -107,7 +107,8 @@ impl Noise {
     fn counts(&mut self, mean: f32, uniform: u32) -> f32 {
         if mean >= MANY {
             // Only a mean beyond 1e19 is refused: the pixel is full.
-            return Poisson::new(f64::from(mean)).map_or(mean, |counts| counts.sample(&mut self.single) as f32);
+            return Poisson::new(f64::from(mean))
+                .map_or(mean, |counts| counts.sample(&mut self.single) as f32);
         }
         let mean = f64::from(mean);
         let mut left = (f64::from(uniform) + 0.5) * 2f64.powi(-32);
@@ -183,7 +184,10 @@ mod tests {
             let mut expected = (-mean).exp() * count as f64;
             for k in 0..4u32 {
                 let found = values.iter().filter(|&&v| v == k as f32).count() as f64;
-                assert!((found - expected).abs() < 5.0 * expected.sqrt().max(1.0), "{mean}, {k}: {found}, {expected}");
+                assert!(
+                    (found - expected).abs() < 5.0 * expected.sqrt().max(1.0),
+                    "{mean}, {k}: {found}, {expected}"
+                );
                 expected *= mean / f64::from(k + 1);
             }
         }
@@ -204,7 +208,8 @@ mod tests {
         let mut values = vec![0f32; count];
         Noise::new(7).normals(&mut values);
         let moment = |p: i32| values.iter().map(|&v| f64::from(v).powi(p)).sum::<f64>() / count as f64;
-        for (power, expected, slack) in [(1, 0.0, 0.0015), (2, 1.0, 0.0025), (3, 0.0, 0.006), (4, 3.0, 0.016)] {
+        for (power, expected, slack) in [(1, 0.0, 0.0015), (2, 1.0, 0.0025), (3, 0.0, 0.006), (4, 3.0, 0.016)]
+        {
             assert!((moment(power) - expected).abs() < slack, "{power}: {}", moment(power));
         }
         for (beyond, share) in [(1.0, 0.317_310_5), (3.0, 2.699_8e-3), (4.5, 6.795e-6)] {

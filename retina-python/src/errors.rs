@@ -45,7 +45,7 @@ impl Failure {
         }
     }
 
-    fn with_help(mut self, help: &str) -> Self {
+    pub(crate) fn with_help(mut self, help: &str) -> Self {
         self.help = Some(help.to_owned());
         self
     }

@@ -5,9 +5,9 @@
 //! report; other work ends in the background, and its result is dropped.
 
 use std::panic::resume_unwind;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use pyo3::prelude::*;
@@ -70,15 +70,32 @@ impl Watch {
     }
 }
 
+/// The process that did the first work. The threads that share the work of a call do not live on in a forked child.
+static FIRST_PROCESS: OnceLock<u32> = OnceLock::new();
+
+fn check_process() -> Result<(), Failure> {
+    let own = std::process::id();
+    if *FIRST_PROCESS.get_or_init(|| own) == own {
+        return Ok(());
+    }
+    Err(Failure::new(
+        "this process was forked from one in which retina had worked already, so its threads are missing",
+    )
+    .with_help(
+        "start workers with multiprocessing.get_context(\"spawn\"), or before the first use of retina",
+    ))
+}
+
 /// Runs work that does not touch Python's objects, or attaches itself where it does.
 ///
 /// # Errors
-/// The work's own failure, and whatever a signal handler or the progress callback raises.
+/// The work's own failure, a forked process, and whatever a signal handler or the progress callback raises.
 pub(crate) fn run<T: Send + 'static>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
     work: impl FnOnce(&Watch) -> Result<T, Failure> + Send + 'static,
 ) -> PyResult<T> {
+    check_process()?;
     let (reports, mut told) = channel();
     let abandoned = Arc::new(AtomicBool::new(false));
     let watch = Watch { abandoned: Arc::clone(&abandoned), reports };

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import pickle
 from pathlib import Path
 from typing import Any
@@ -92,3 +93,36 @@ def test_they_can_be_pickled() -> None:
     again = pickle.loads(pickle.dumps(error))
     assert str(again) == str(error) == "a.toml, line 3: is wrong (found 1, expected 2)\nhelp: mend it"
     assert again.line == 3 and again.help == "mend it"
+
+
+@pytest.mark.parametrize("time", [None, float("nan"), float("inf"), datetime.date(2027, 8, 2), object()])
+def test_what_is_no_epoch_is_refused(time: object) -> None:
+    with pytest.raises(retina.RetinaError, match="epoch") as caught:
+        retina.time_s(time)
+    assert caught.value.place == "argument `time`"
+
+
+@pytest.mark.parametrize("fov_deg", ["12", ("10", "13"), None.__class__, float("nan"), (13, 10)])
+def test_text_is_no_field_of_view(fov_deg: object) -> None:
+    with pytest.raises(retina.RetinaError) as caught:
+        retina.solve_stars(np.zeros((100, 100), np.uint8), fov_deg)  # type: ignore[arg-type]
+    assert caught.value.place == "argument `fov_deg`"
+
+
+def test_a_velocity_is_never_left_out_in_silence() -> None:
+    image = np.zeros((100, 100), np.uint8)
+    for place, velocity in ((None, [0, 0, 3e4]), ("earth", [np.nan, 0, 0]), ("earth", [1e9, 0, 0])):
+        with pytest.raises(retina.RetinaError) as caught:
+            retina.solve_stars(image, 12.0, time=0.0, position_m=place, velocity_m_s=velocity)
+        assert caught.value.place == "argument `velocity_m_s`"
+
+
+def test_a_mask_is_never_left_out_in_silence() -> None:
+    image = np.ma.array(np.zeros((100, 100), np.uint8), mask=np.eye(100, dtype=bool))
+    with pytest.raises(retina.RetinaError, match="100 of them"):
+        retina.detect(image)
+
+
+def test_places_on_the_earth() -> None:
+    with pytest.raises(retina.RetinaError, match="-90 to 90"):
+        retina.Ephemeris().site(0.0, latitude_deg=145.0, longitude_deg=0.0)

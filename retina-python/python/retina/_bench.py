@@ -132,8 +132,15 @@ class Bench:
                 found=f"shape {counts.shape}",
                 expected=f"({height}, {width})",
             )
-        seconds = None if exposure_s is None else _duck.number(exposure_s, "s")
-        dn, used_s = self._native.expose(counts, seconds, temperature_c, frame, shift_px, roll_rad)
+        seconds = None if exposure_s is None else _duck.number(exposure_s, "s", "exposure_s")
+        temperature = _duck.number(temperature_c, "deg_C", "temperature_c")
+        if not -273.15 < temperature < 200.0:
+            raise RetinaError(
+                "is out of range", place="argument `temperature_c`", found=f"{temperature:g}", expected="-273 to 200 degC"
+            )
+        shift_x, shift_y = (_duck.number(value, "pix", "shift_px") for value in shift_px)
+        roll = _duck.number(roll_rad, "rad", "roll_rad")
+        dn, used_s = self._native.expose(counts, seconds, temperature, frame, (shift_x, shift_y), roll)
         return CameraImage(dn, used_s, self.full_scale_dn)
 
     def land_px(self, screen_px: tuple[float, float], channel: Channel = "g") -> tuple[float, float] | None:

@@ -48,6 +48,8 @@ def time_s(time: Time) -> float:
     values = times_s(time)
     if values.size != 1:
         raise RetinaError("one epoch is needed", place="argument `time`", found=f"{values.size}", expected="1")
+    if not np.isfinite(values[0]):
+        raise RetinaError("is no epoch", place="argument `time`", found=str(values[0]), expected="a finite number")
     return float(values[0])
 
 
@@ -67,6 +69,13 @@ def times_s(times: Any) -> npt.NDArray[np.float64]:
     if array.dtype.kind == "M":
         texts = np.datetime_as_string(np.atleast_1d(array).astype("datetime64[ns]"))
         return np.array([_native.parse_time(f"{text}Z") for text in texts.ravel()])
+    if array.ndim == 0 and array.dtype.kind not in "iufU":
+        raise RetinaError(
+            "is no epoch",
+            place="argument `time`",
+            found=repr(times),
+            expected="TDB seconds since J2000, ISO text, a datetime, numpy.datetime64 or astropy.time.Time",
+        )
     if array.dtype.kind in "OU":
         return np.concatenate([times_s(item) for item in array.ravel()]) if array.size else np.empty(0)
     return np.atleast_1d(np.asarray(magnitude(times, "s"), dtype=float)).ravel()
@@ -85,9 +94,20 @@ def magnitude(value: Any, unit: str) -> Any:
         ) from error
 
 
-def number(value: Any, unit: str) -> float:
-    """One number in a unit."""
-    return float(magnitude(value, unit))
+def numbers(value: Any, unit: str, argument: str) -> npt.NDArray[np.float64]:
+    """Numbers in a unit, shape (numbers,); text is none."""
+    found = np.atleast_1d(np.asarray(magnitude(value, unit)))
+    if found.dtype.kind not in "uif":
+        raise RetinaError("is not a number", place=f"argument `{argument}`", found=repr(value), expected=unit)
+    return found.astype(np.float64).ravel()
+
+
+def number(value: Any, unit: str, argument: str) -> float:
+    """One finite number in a unit."""
+    found = numbers(value, unit, argument)
+    if found.size != 1 or not np.isfinite(found[0]):
+        raise RetinaError("is not one finite number", place=f"argument `{argument}`", found=repr(value), expected=unit)
+    return float(found[0])
 
 
 def vector(value: Vector, unit: str = "") -> npt.NDArray[np.float64]:
@@ -109,6 +129,14 @@ def image(value: Any) -> npt.NDArray[Any]:
 
     xarray's DataArray and astropy's CCDData come as the arrays that they hold.
     """
+    if np.ma.is_masked(value):
+        raise RetinaError(
+            "has masked pixels",
+            place="argument `image`",
+            found=f"{np.ma.count_masked(value)} of them",
+            expected="an array without a mask",
+            help="fill them (image.filled(...)); solve_stars takes their inverse as `mask`",
+        )
     array = np.asarray(magnitude(value, str(value.unit)) if hasattr(value, "to_value") else value)
     if array.ndim != 2:
         raise RetinaError(

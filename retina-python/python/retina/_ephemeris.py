@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from . import _duck, _native
 from ._duck import PathLike, Time, Vector
+from ._errors import RetinaError
 
 
 @dataclass(frozen=True)
@@ -104,12 +105,21 @@ class Ephemeris:
     def site(
         self, time: Time, *, latitude_deg: float, longitude_deg: float, altitude_m: float = 0.0
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Return barycentric position (m) and velocity (m/s) of a place on the Earth (WGS 84), each of shape (3,)."""
+        """Return barycentric position (m) and velocity (m/s) of a place on the Earth (WGS 84), each of shape (3,).
+
+        The Earth turns by the IAU's formula, without the motion of its pole and the irregularities of its rotation:
+        the place is good to about 10 km.
+        """
+        latitude = _duck.number(latitude_deg, "deg", "latitude_deg")
+        if abs(latitude) > 90.0:
+            raise RetinaError(
+                "is out of range", place="argument `latitude_deg`", found=f"{latitude:g}", expected="-90 to 90"
+            )
         position_m, velocity_m_s = self._native.site(
             _duck.time_s(time),
-            np.radians(_duck.number(latitude_deg, "deg")),
-            np.radians(_duck.number(longitude_deg, "deg")),
-            _duck.number(altitude_m, "m"),
+            np.radians(latitude),
+            np.radians(_duck.number(longitude_deg, "deg", "longitude_deg")),
+            _duck.number(altitude_m, "m", "altitude_m"),
         )
         return np.array(position_m), np.array(velocity_m_s)
 

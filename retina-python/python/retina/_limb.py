@@ -213,7 +213,9 @@ def fit_limb(
     own = None if setup is None else setup_of(setup)
     if own is None and calibration is not None:
         raise RetinaError("takes a setup", place="argument `calibration`", help="give the setup of the camera")
-    focal_px = _focal_px(own, focal_mm, pixel_um, fov_deg)
+    fov_deg = _bare(fov_deg, "deg", "fov_deg")
+    sun_deg = _bare(sun_deg, "deg", "sun_deg")
+    focal_px = _focal_px(own, _bare(focal_mm, "mm", "focal_mm"), _bare(pixel_um, "um", "pixel_um"), fov_deg)
     for name, value, least, most in (
         ("focal_percent", focal_percent, 0.0, 20.0),
         ("sun_deg", sun_deg, -360.0, 360.0),
@@ -228,17 +230,21 @@ def fit_limb(
         None if own is None else own._native,
         None if own is None else native_calibration(calibration, own),
         focal_px,
-        None if fov_deg is None else float(np.radians(_duck.number(fov_deg, "deg"))),
+        None if fov_deg is None else float(np.radians(fov_deg)),
         None if focal_percent is None else focal_percent / 100.0,
         known,
         None if camera_from_body is None else _duck.vector(camera_from_body),
         limb_height_m,
         limb_height_sigma_m,
-        None if sun_deg is None else float(np.radians(_duck.number(sun_deg, "deg"))),
+        None if sun_deg is None else float(np.radians(sun_deg)),
         _observer(time, site, position_m, ephemeris),
         bits,
     )
     return LimbSolution(answer)
+
+
+def _bare(value: Any, unit: str, argument: str) -> float | None:
+    return None if value is None else _duck.number(value, unit, argument)
 
 
 def _focal_px(
@@ -254,7 +260,7 @@ def _focal_px(
         if value is not None and not least <= value <= most:
             raise RetinaError("is out of range", place=f"argument `{name}`", found=str(value), expected=f"{least:g} to {most:g}")
     if focal_mm is not None and pixel_um is not None:
-        return 1e3 * _duck.number(focal_mm, "mm") / _duck.number(pixel_um, "um")
+        return 1e3 * focal_mm / pixel_um
     return None
 
 
@@ -270,7 +276,9 @@ def _observer(
     bodies = ephemeris or Ephemeris()
     velocity_m_s = None
     if site is not None:
-        latitude_deg, longitude_deg, altitude_m = (float(value) for value in site)
+        latitude_deg, longitude_deg, altitude_m = (
+            _duck.number(value, unit, "site") for value, unit in zip(site, ("deg", "deg", "m"), strict=True)
+        )
         if abs(latitude_deg) > 90.0 or abs(longitude_deg) > 360.0 or abs(altitude_m) > 1e5:
             raise RetinaError(
                 "is no place on the Earth",

@@ -21,6 +21,7 @@ from ._setup import Setup, setup_of
 
 #: Uncertainty of a position, 3 sigma, as the paper has it: 1e5 km.
 _POSITION_3_SIGMA_KM = 1.0e5
+_LIGHT_M_S = 299_792_458.0
 
 
 class StarSolution(Report):
@@ -273,6 +274,10 @@ class StarSolver:
     ) -> StarSolution:
         """Find the attitude of an image; see `solve_stars` for the parameters."""
         observer = None
+        if velocity_m_s is not None and position_m is None:
+            raise RetinaError(
+                "takes a position", place="argument `velocity_m_s`", help="give position_m, and time, as well"
+            )
         if position_m is not None:
             if self.time_s is None:
                 raise RetinaError("takes a time", place="argument `position_m`", help="give the epoch of the image (time)")
@@ -286,7 +291,7 @@ class StarSolver:
                 bodies._native,
                 self.time_s,
                 _duck.vector(position_m, "m"),
-                None if velocity_m_s is None else _duck.vector(velocity_m_s, "m/s"),
+                None if velocity_m_s is None else _velocity_m_s(velocity_m_s),
             )
         answer = self._native.solve(
             os.fspath(image) if is_path(image) else _duck.image(image),
@@ -298,10 +303,21 @@ class StarSolver:
         return StarSolution(answer)
 
 
+def _velocity_m_s(velocity_m_s: Vector) -> npt.NDArray[np.float64]:
+    velocity = _duck.vector(velocity_m_s, "m/s")
+    speed_m_s = float(np.linalg.norm(velocity))
+    if not speed_m_s < _LIGHT_M_S:
+        raise RetinaError(
+            "is no velocity", place="argument `velocity_m_s`", found=f"{speed_m_s:g} m/s", expected="less than light's"
+        )
+    return velocity
+
+
 def _field_rad(fov_deg: Any) -> tuple[float, float] | None:
     if fov_deg is None:
         return None
-    degrees = np.atleast_1d(np.asarray(_duck.magnitude(fov_deg, "deg"), dtype=float)).ravel()
+    ends = [fov_deg] if np.isscalar(fov_deg) or not isinstance(fov_deg, Sequence) else fov_deg
+    degrees = np.array([value for end in ends for value in _duck.numbers(end, "deg", "fov_deg")])
     if degrees.size not in (1, 2) or not 0.0 < degrees[0] <= degrees[-1] < 90.0:
         raise RetinaError(
             "is not a field of view",
@@ -350,8 +366,8 @@ def solve_stars(
     position_m : array_like of shape (3,) or "earth", optional
         Position of the camera, barycentric ICRF, m. With it and a time, planets are searched for.
     velocity_m_s : array_like of shape (3,), optional
-        Velocity of the camera, barycentric ICRF, m/s: the attitude is corrected for aberration. Default with
-        ``"earth"``: the Earth's.
+        Velocity of the camera, barycentric ICRF, m/s: the attitude is corrected for aberration. It takes a position
+        as well. Default with ``"earth"``: the Earth's.
     position_3_sigma_km : float
         Uncertainty of the position (3 sigma), km.
     ephemeris : Ephemeris, optional

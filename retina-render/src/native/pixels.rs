@@ -204,6 +204,9 @@ impl PixelWork {
     /// Finds the areas of all triangles that the pixel may see, and adds those that no sample sees; `false`, and nothing
     /// is added, where they do not make up the pixel: then some hide others, or a part of the pixel is sky.
     fn measure(&mut self, view: &View<'_>, candidates: &[u32]) -> bool {
+        if candidates.len() < 2 || self.of_sample.contains(&NONE) {
+            return false;
+        }
         self.parts.clear();
         let sampled = self.sums.len();
         let area = |seen: u32| view.square.part(&view.setups[seen.wrapping_sub(1) as usize]);
@@ -265,7 +268,7 @@ impl PixelWork {
         }
         self.part(view);
         let sky = self.of_sample.contains(&NONE);
-        let measured = candidates.len() > 1 && !sky && self.measure(view, candidates);
+        let measured = self.measure(view, candidates);
         self.shade(view, measured);
         let body = self.fragments[0].body;
         let owner = if sky || self.fragments.iter().any(|fragment| fragment.body != body) {
@@ -388,10 +391,12 @@ impl PixelWork {
     }
 
     /// A pixel sampled anew: each sample looks at its own point of the Sun.
-    pub(crate) fn refined(&mut self, view: &View<'_>) -> [f32; PLANES] {
+    /// `candidates` are the triangles that may touch it.
+    pub(crate) fn refined(&mut self, view: &View<'_>, candidates: &[u32]) -> [f32; PLANES] {
         let count = view.run.len() as u32;
         self.part(view);
-        self.shade(view, false);
+        let measured = self.measure(view, candidates);
+        self.shade(view, measured);
         self.light.clear();
         self.light.resize(count as usize, [0.0; 2]);
         self.rays.clear();
@@ -437,9 +442,21 @@ impl PixelWork {
                 factor += textured;
                 radiance += textured * irradiance(fragment);
             }
-            // What samples get wrong about areas. Reads are spread evenly, so only this part takes the mean albedo.
-            for fragment in self.fragments.iter().filter(|fragment| fragment.unsampled != 0.0) {
-                let textured = fragment.unsampled / count * fragment.value * mean_albedo;
+            // What samples get wrong about areas. Reads are spread evenly, so only this part takes the mean albedo. A
+            // fragment without samples is as much in the shade as the pixel is.
+            let unshaded: f32 = self.fragments.iter().map(|f| f.samples as f32 * f.value).sum();
+            let lit: f32 = self.light.iter().map(|&[value, _]| value).sum();
+            let open = if unshaded > 0.0 { (lit / unshaded).min(1.0) } else { 0.0 };
+            for (index, fragment) in (0u32..).zip(&self.fragments) {
+                if fragment.unsampled == 0.0 {
+                    continue;
+                }
+                let own = self.of_sample.iter().zip(&self.light).filter(|&(&of, _)| of == index);
+                let mean = match fragment.samples {
+                    0 => fragment.value * open,
+                    samples => own.map(|(_, &[value, _])| value).sum::<f32>() / samples as f32,
+                };
+                let textured = fragment.unsampled / count * mean * mean_albedo;
                 factor += textured;
                 radiance += textured * irradiance(fragment);
             }

@@ -227,6 +227,7 @@ impl TileWork {
         }
         self.setups.clear();
         self.runs.clear();
+        let mut candidates: Vec<Vec<u32>> = vec![Vec::new(); chosen.len()];
         for triangle in frame.triangles(index) {
             let mut setup = None;
             for row in triangle.low[1]..=triangle.high[1] {
@@ -236,6 +237,7 @@ impl TileWork {
                         setup.get_or_insert_with(|| Setup::new(frame, triangle.triangle, reference.sight));
                         let run = [slot * n, (slot + 1) * n, self.setups.len()];
                         self.runs.push(run.map(|number| number as u32));
+                        candidates[slot].push(self.setups.len() as u32);
                     }
                 }
             }
@@ -244,7 +246,7 @@ impl TileWork {
         let (mut view, pixels) = self.view(frame, &reference, pattern, layers);
         for (slot, &local) in chosen.iter().enumerate() {
             view.turn_to(pixel_number(frame, &tile, local), slot * n..(slot + 1) * n);
-            let planes = pixels.refined(&view);
+            let planes = pixels.refined(&view, &candidates[slot]);
             out.push((local, Pixel { planes, ..Pixel::SKY }));
         }
     }
