@@ -133,7 +133,7 @@ def image(value: Any) -> npt.NDArray[Any]:
         raise RetinaError(
             "has masked pixels",
             place="argument `image`",
-            found=f"{np.ma.count_masked(value)} of them",
+            found=f"{int(np.ma.getmaskarray(value).sum())} of them",
             expected="an array without a mask",
             help="fill them (image.filled(...)); solve_stars takes their inverse as `mask`",
         )
