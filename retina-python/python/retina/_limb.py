@@ -14,21 +14,16 @@ from ._calibrate import Calibrations, native_calibration
 from ._duck import PathLike, Time, Vector, is_path
 from ._ephemeris import Ephemeris
 from ._errors import RetinaError
-from ._notebook import Figure, Report, shown, table_html
+from ._notebook import Figure, Solution, shown, table_html
 from ._setup import Setup, setup_of
 
 
-class LimbSolution(Report):
+class LimbSolution(Solution):
     """What a body's limb gave. Where the image is refused, numbers are NaN, and `message` says why."""
 
     def __init__(self, answer: _native.LimbAnswer) -> None:
         super().__init__(answer.document())
         self._answer = answer
-
-    @property
-    def solved(self) -> bool:
-        """Whether the body was found."""
-        return bool(self._document["solved"])
 
     @property
     def center_px(self) -> npt.NDArray[np.float64]:
@@ -101,21 +96,6 @@ class LimbSolution(Report):
         """Root mean square of the used points' residuals, px."""
         return self._number("rms_px")
 
-    @property
-    def reason(self) -> str | None:
-        """Why there is no answer, in one word."""
-        return self._document.get("reason")
-
-    @property
-    def message(self) -> str | None:
-        """Why there is no answer, what was seen, and what to try."""
-        return self._document.get("message")
-
-    @property
-    def notes(self) -> list[str]:
-        """What was done with the picture, and what makes the answer doubtful."""
-        return self._texts("notes")
-
     def plot(self, title: str = "") -> Figure:
         """Draw the image with the fitted outline, and the residuals along the limb."""
         return Figure(self._answer.svg(title))
@@ -133,10 +113,6 @@ class LimbSolution(Report):
             return table_html("not solved", ("", ""), [("reason", self.reason), ("message", self.message)])
         names = ("center_px", "radius_px", "range_m", "range_sigma_m", "line_of_sight_sigma_arcsec", "rms_px")
         return table_html("limb", ("", ""), ((name, shown(getattr(self, name))) for name in names))
-
-    def _number(self, key: str) -> float:
-        value = self._document.get(key)
-        return float("nan") if value is None else float(value)
 
     def _found(self, key: str, size: int) -> npt.NDArray[np.float64]:
         found = self._array(key)

@@ -63,6 +63,34 @@ class Report:
         return list(self._document.get(key) or [])
 
 
+class Solution(Report):
+    """What one image gave, or why it gave nothing. Where it is not solved, numbers are NaN."""
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is an answer."""
+        return bool(self._document["solved"])
+
+    @property
+    def reason(self) -> str | None:
+        """Why there is no answer, in one word."""
+        return self._document.get("reason")
+
+    @property
+    def message(self) -> str | None:
+        """Why there is no answer, what was seen, and what to try."""
+        return self._document.get("message")
+
+    @property
+    def notes(self) -> list[str]:
+        """What was done with the picture, and what makes the answer doubtful."""
+        return self._texts("notes")
+
+    def _number(self, key: str) -> float:
+        value = self._document.get(key)
+        return float("nan") if value is None else float(value)
+
+
 def grey_png(values: npt.NDArray[Any], most: float) -> bytes:
     """A PNG of values from 0 to `most`; every value above is white."""
     scaled = np.clip(np.asarray(values, dtype=np.float64) * (255.0 / most if most > 0 else 0.0), 0.0, 255.0)

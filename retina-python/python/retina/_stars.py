@@ -16,7 +16,7 @@ from ._calibrate import Calibrations, native_calibration
 from ._duck import PathLike, Time, Vector, is_path
 from ._ephemeris import Ephemeris
 from ._errors import RetinaError
-from ._notebook import Figure, Report, shown, table_html
+from ._notebook import Figure, Solution, shown, table_html
 from ._setup import Setup, setup_of
 
 #: Uncertainty of a position, 3 sigma, as the paper has it: 1e5 km.
@@ -24,7 +24,7 @@ _POSITION_3_SIGMA_KM = 1.0e5
 _LIGHT_M_S = 299_792_458.0
 
 
-class StarSolution(Report):
+class StarSolution(Solution):
     """What an image of stars gave.
 
     Where it is not solved, numbers are NaN, arrays are empty, and `reason` and `message` say why.
@@ -33,11 +33,6 @@ class StarSolution(Report):
     def __init__(self, answer: _native.StarAnswer) -> None:
         super().__init__(answer.document())
         self._answer = answer
-
-    @property
-    def solved(self) -> bool:
-        """Whether there is an attitude."""
-        return bool(self._document["solved"])
 
     @property
     def ra_deg(self) -> float:
@@ -133,24 +128,9 @@ class StarSolution(Report):
         return self._number("detect_ms")
 
     @property
-    def reason(self) -> str | None:
-        """Why there is no attitude, in one word."""
-        return self._document.get("reason")
-
-    @property
-    def message(self) -> str | None:
-        """Why there is no attitude, what was seen, and what to try."""
-        return self._document.get("message")
-
-    @property
     def warning(self) -> str | None:
         """What the figures do not say by themselves: that the camera's model does not fit."""
         return self._document.get("warning")
-
-    @property
-    def notes(self) -> list[str]:
-        """What was done with the picture."""
-        return self._texts("notes")
 
     def plot(self, title: str = "") -> Figure:
         """Draw the image with stars, planets, names and coordinates."""
@@ -186,10 +166,6 @@ class StarSolution(Report):
             return table_html("not solved", ("", ""), [("reason", self.reason), ("message", self.message)])
         names = ("ra_deg", "dec_deg", "roll_deg", "matches", "rms_arcsec", "fov_deg", "log10_false_probability")
         return table_html("attitude", ("", ""), ((name, shown(getattr(self, name))) for name in names))
-
-    def _number(self, key: str) -> float:
-        value = self._document.get(key)
-        return float("nan") if value is None else float(value)
 
 
 class StarSolver:

@@ -31,11 +31,12 @@ impl Square {
         for edge in &setup.edges {
             let [at, x, y] = edge.over(self.middle, self.steps);
             let value = |[s, t]: [f32; 2]| at + x * s + y * t;
-            // Least value over the square.
-            if at - 0.5 * (x.abs() + y.abs()) >= 0.0 {
+            // How far the edge function strays from its value in the middle.
+            let range = 0.5 * (x.abs() + y.abs());
+            if at - range >= 0.0 {
                 continue;
             }
-            if at + 0.5 * (x.abs() + y.abs()) <= 0.0 {
+            if at + range <= 0.0 {
                 return Part::default();
             }
             let before = corners;

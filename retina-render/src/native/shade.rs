@@ -154,8 +154,8 @@ struct Texture {
 }
 
 impl Fragment {
-    /// Shades a triangle at a line of sight, x and y from the tile's reference. A texture is
-    /// read at places `read_px` apart.
+    /// Shades a triangle at a line of sight, x and y from the tile's reference. Textures are read at places
+    /// `read_px` apart.
     pub(crate) fn new(
         frame: &Prepared<'_>,
         setup: &Setup,
