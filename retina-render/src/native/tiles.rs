@@ -5,7 +5,7 @@ use glam::{DVec2, Vec2};
 use super::Listed;
 use super::Listing;
 use super::coverage::Square;
-use super::frame::{Binned, Prepared, Tile};
+use super::frame::{Prepared, Tile};
 use super::pixels::{Pixel, PixelWork, View, disc_points, square_point};
 use super::rays::LANES;
 use super::reads::Reads;
@@ -42,7 +42,7 @@ impl Pattern {
 pub(crate) struct Sampling {
     /// All of them; its Sun points are those of a pixel where there is doubt about the Sun.
     first: Pattern,
-    /// Whether the areas of triangles within a pixel are measured in the first pass, or counted in samples.
+    /// Whether the areas of triangles within a pixel are measured, or counted in samples.
     measured: bool,
     edge: Pattern,
     inner: Pattern,
@@ -90,31 +90,26 @@ struct Candidates {
 }
 
 impl Candidates {
-    fn sort(&mut self, triangles: &[Binned], [width, height]: [usize; 2]) {
-        let each = |visit: &mut dyn FnMut(usize, u32)| {
-            for (number, triangle) in (0u32..).zip(triangles) {
-                for row in triangle.low[1] as usize..=(triangle.high[1] as usize).min(height - 1) {
-                    for column in triangle.low[0] as usize..=(triangle.high[0] as usize).min(width - 1) {
-                        visit(row * width + column, number);
-                    }
-                }
-            }
-        };
+    /// Sorts the runs that are to be drawn by pixel; each pixel has `n` samples.
+    fn sort(&mut self, runs: &[[u32; 3]], n: usize, pixels: usize) {
+        let touched = |&[from, to, _]: &[u32; 3]| from as usize / n..to as usize / n;
         self.starts.clear();
-        self.starts.resize(width * height + 1, 0);
-        let starts = &mut self.starts;
-        each(&mut |pixel, _| starts[pixel + 1] += 1);
-        for pixel in 0..width * height {
-            starts[pixel + 1] += starts[pixel];
+        self.starts.resize(pixels + 1, 0);
+        for pixel in runs.iter().flat_map(touched) {
+            self.starts[pixel + 1] += 1;
         }
-        self.next.clone_from(starts);
+        for pixel in 0..pixels {
+            self.starts[pixel + 1] += self.starts[pixel];
+        }
+        self.next.clone_from(&self.starts);
         self.numbers.clear();
-        self.numbers.resize(starts[width * height] as usize, 0);
-        let (next, numbers) = (&mut self.next, &mut self.numbers);
-        each(&mut |pixel, number| {
-            numbers[next[pixel] as usize] = number;
-            next[pixel] += 1;
-        });
+        self.numbers.resize(self.starts[pixels] as usize, 0);
+        for run in runs {
+            for next in &mut self.next[touched(run)] {
+                self.numbers[*next as usize] = run[2];
+                *next += 1;
+            }
+        }
     }
 
     fn of(&self, pixel: usize) -> &[u32] {
@@ -172,16 +167,14 @@ impl TileWork {
             }
             self.setups.push(setup);
         }
-        let mut candidates = std::mem::take(&mut self.candidates);
-        let measured = if sampling.measured { triangles } else { &[] };
-        candidates.sort(measured, [width, height]);
-        let (mut view, pixels) = self.view(frame, &reference, &sampling.first, layers);
+        let measured = sampling.measured;
+        let (mut view, candidates, pixels) =
+            self.view(frame, &reference, &sampling.first, layers, width * height, measured);
         let mut out = Vec::with_capacity(width * height);
         for local in 0..width * height {
             view.turn_to(pixel_number(frame, &tile, local as u32), local * n..(local + 1) * n);
             out.push(pixels.first(&view, candidates.of(local)));
         }
-        self.candidates = candidates;
         out
     }
 
@@ -200,7 +193,7 @@ impl TileWork {
                 list.iter().filter(|listed| listed.what == what).map(|listed| listed.local).collect();
             // A few at a time, so that their samples stay near the processor.
             for some in chosen.chunks(64) {
-                self.sample_again(frame, index, some, pattern, layers, &mut out);
+                self.sample_again(frame, index, some, pattern, layers, sampling.measured, &mut out);
             }
         }
         out
@@ -213,6 +206,7 @@ impl TileWork {
         chosen: &[u32],
         pattern: &Pattern,
         layers: bool,
+        measured: bool,
         out: &mut Vec<(u32, Pixel)>,
     ) {
         let tile = frame.tile(index);
@@ -227,7 +221,6 @@ impl TileWork {
         }
         self.setups.clear();
         self.runs.clear();
-        let mut candidates: Vec<Vec<u32>> = vec![Vec::new(); chosen.len()];
         for triangle in frame.triangles(index) {
             let mut setup = None;
             for row in triangle.low[1]..=triangle.high[1] {
@@ -237,29 +230,33 @@ impl TileWork {
                         setup.get_or_insert_with(|| Setup::new(frame, triangle.triangle, reference.sight));
                         let run = [slot * n, (slot + 1) * n, self.setups.len()];
                         self.runs.push(run.map(|number| number as u32));
-                        candidates[slot].push(self.setups.len() as u32);
                     }
                 }
             }
             self.setups.extend(setup);
         }
-        let (mut view, pixels) = self.view(frame, &reference, pattern, layers);
+        let (mut view, candidates, pixels) =
+            self.view(frame, &reference, pattern, layers, chosen.len(), measured);
         for (slot, &local) in chosen.iter().enumerate() {
             view.turn_to(pixel_number(frame, &tile, local), slot * n..(slot + 1) * n);
-            let planes = pixels.refined(&view, &candidates[slot]);
+            let planes = pixels.refined(&view, candidates.of(slot));
             out.push((local, Pixel { planes, ..Pixel::SKY }));
         }
     }
 
-    /// Draws what is to be drawn. Gives the samples as pixels are to see them, and the work space for that.
+    /// Draws what is to be drawn. Gives the samples as pixels are to see them, the triangles that may touch each of
+    /// `count` pixels where areas are measured, and the work space.
     fn view<'a>(
         &'a mut self,
         frame: &'a Prepared<'a>,
         reference: &Reference,
         pattern: &'a Pattern,
         layers: bool,
-    ) -> (View<'a>, &'a mut PixelWork) {
-        let Self { samples, setups, runs, pixels, .. } = self;
+        count: usize,
+        measured: bool,
+    ) -> (View<'a>, &'a Candidates, &'a mut PixelWork) {
+        let Self { samples, setups, runs, candidates, pixels } = self;
+        candidates.sort(if measured { runs } else { &[] }, pattern.places.len(), count);
         frame.level.run(Draw { samples, setups, runs });
         pixels.begin(setups.len());
         let view = View {
@@ -275,7 +272,7 @@ impl TileWork {
             run: 0..0,
             square: Square { middle: [0.0; 2], steps: reference.steps },
         };
-        (view, pixels)
+        (view, candidates, pixels)
     }
 
     /// Sets the samples' lines of sight, those of one pixel after those of another.
