@@ -116,6 +116,8 @@ pub(crate) struct PixelWork {
     rays: Vec<SunRay>,
     /// Of each sample of the pixel: I/F without the texture, and the part of the Sun that is hidden.
     light: Vec<[f32; 2]>,
+    /// Of each fragment: the share of the reads that it has, and the sum of their light over all reads.
+    lit: Vec<[f32; 2]>,
 }
 
 /// Which rays of a packet in a body's axes do not see the Sun: `relief` may be stopped by the body itself, all of
@@ -232,17 +234,12 @@ impl PixelWork {
     /// Shades the fragments, each in its middle: of its area where that was measured, else of its samples.
     fn shade(&mut self, view: &View<'_>, measured: bool) {
         self.fragments.clear();
-        let count = view.run.len() as f32;
         for (index, &(sum, samples, seen)) in self.sums.iter().enumerate() {
             let number = seen.wrapping_sub(1);
             let mut middle = sum.map(|value| value / samples as f32);
-            let mut unsampled = 0.0;
-            if measured {
-                let part = &self.parts[index];
-                unsampled = part.area * count - samples as f32;
-                if part.area > 0.0 {
-                    middle = part.middle;
-                }
+            let part = measured.then(|| &self.parts[index]);
+            if let Some(part) = part.filter(|part| part.area > 0.0) {
+                middle = part.middle;
             }
             let (frame, setup) = (view.frame, &view.setups[number as usize]);
             let facet = &mut self.facet_of[number as usize];
@@ -254,7 +251,7 @@ impl PixelWork {
             let read_px = view.reads.apart_px;
             let mut fragment =
                 Fragment::new(frame, setup, facet, number, view.sight, middle, samples, read_px);
-            fragment.unsampled = unsampled;
+            fragment.area = part.map(|part| part.area);
             self.fragments.push(fragment);
         }
     }
@@ -431,32 +428,33 @@ impl PixelWork {
             let share = 1.0 / view.reads.places.len() as f32;
             let middle = view.square.middle;
             let (mut mean_albedo, mut factor, mut radiance) = (0.0, 0.0, 0.0);
+            self.lit.clear();
+            self.lit.resize(self.fragments.len(), [0.0; 2]);
             for &(place, sample) in &view.reads.places {
-                let Some(fragment) = self.fragments.get(self.of_sample[sample as usize] as usize) else {
+                let index = self.of_sample[sample as usize] as usize;
+                let Some(fragment) = self.fragments.get(index) else {
                     continue;
                 };
+                let light = self.light[sample as usize][0];
+                self.lit[index][0] += share;
+                self.lit[index][1] += share * light;
                 let step = view.square.step(place);
                 let albedo = fragment.albedo(view.frame, [middle[0] + step[0], middle[1] + step[1]]) * share;
                 mean_albedo += albedo;
-                let textured = self.light[sample as usize][0] * albedo;
+                let textured = light * albedo;
                 factor += textured;
                 radiance += textured * irradiance(fragment);
             }
-            // What samples get wrong about areas. Reads are spread evenly, so only this part takes the mean albedo. A
-            // fragment without samples is as much in the shade as the pixel is.
-            let unshaded: f32 = self.fragments.iter().map(|f| f.samples as f32 * f.value).sum();
-            let lit: f32 = self.light.iter().map(|&[value, _]| value).sum();
+            // What the reads get wrong about areas. They are spread evenly, so only this part takes the mean albedo. A
+            // fragment without reads is as much in the shade as the others are.
+            let shared = self.fragments.iter().zip(&self.lit);
+            let unshaded: f32 = shared.clone().map(|(fragment, [read, _])| read * fragment.value).sum();
+            let lit: f32 = self.lit.iter().map(|[_, light]| light).sum();
             let open = if unshaded > 0.0 { (lit / unshaded).min(1.0) } else { 0.0 };
-            for (index, fragment) in (0u32..).zip(&self.fragments) {
-                if fragment.unsampled == 0.0 {
-                    continue;
-                }
-                let own = self.of_sample.iter().zip(&self.light).filter(|&(&of, _)| of == index);
-                let mean = match fragment.samples {
-                    0 => fragment.value * open,
-                    samples => own.map(|(_, &[value, _])| value).sum::<f32>() / samples as f32,
-                };
-                let textured = fragment.unsampled / count * mean * mean_albedo;
+            for (fragment, &[read, light]) in shared {
+                let Some(area) = fragment.area else { continue };
+                let mean = if read > 0.0 { light / read } else { fragment.value * open };
+                let textured = (area - read) * mean * mean_albedo;
                 factor += textured;
                 radiance += textured * irradiance(fragment);
             }

@@ -124,8 +124,8 @@ pub(crate) struct Fragment {
     pub number: u32,
     pub body: u32,
     pub samples: u32,
-    /// The area that its samples do not stand for, in samples; negative where they stand for too much.
-    pub unsampled: f32,
+    /// Its part of the pixel's area, where that was measured.
+    pub area: Option<f32>,
     pub geometric: Vec3,
     pub normal: Vec3,
     pub sun: Vec3,
@@ -216,7 +216,7 @@ impl Fragment {
             number,
             body,
             samples,
-            unsampled: 0.0,
+            area: None,
             geometric,
             normal,
             sun,
