@@ -66,6 +66,8 @@ enum Command {
     /// Finds attitude and position from images.
     #[command(subcommand)]
     Navigate(command::navigate::Command),
+    /// Opens the workbench in the browser: see where the model fails, add an effect, watch the error fall.
+    View(command::view::Arguments),
     /// Shows which graphics adapter would render.
     Adapter(command::adapter::Arguments),
 }
@@ -98,6 +100,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Optics(command) => command::optics::run(*command),
         Command::Simulate(command) => command::simulate::run(&command),
         Command::Navigate(command) => command::navigate::run(&command),
+        Command::View(arguments) => command::view::run(&arguments),
         Command::Adapter(arguments) => command::adapter::run(&arguments),
     };
     match result {

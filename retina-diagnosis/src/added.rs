@@ -54,6 +54,14 @@ impl AddedEffect {
             .help(format!("{}`retina effects` lists them", near.unwrap_or_default())))
     }
 
+    /// From the text of a file with formulas, before it is one; the path names it in errors.
+    ///
+    /// # Errors
+    /// The text does not fit the table.
+    pub fn parse(path: &Path, text: &str, data: &Dataset) -> Result<Self, InputError> {
+        Ok(Self::Own(Arc::new(EffectOfFile::parse(path, text, data)?)))
+    }
+
     /// Its id, where it is catalogued.
     pub fn id(&self) -> Option<EffectId> {
         match self {

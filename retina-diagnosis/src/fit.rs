@@ -33,11 +33,12 @@ pub struct Fit {
     pub outliers: usize,
     /// What the user ought to know.
     pub notes: Vec<String>,
-    /// What the effects add, all components.
-    pub(crate) effect: Vec<f64>,
-    /// Errors left, all components.
-    pub(crate) residual: Vec<f64>,
-    pub(crate) outlier: Vec<bool>,
+    /// What the effects add to each row, components side by side, in the data's unit.
+    pub effect: Vec<f64>,
+    /// Errors left in each row, components side by side, in the data's unit.
+    pub residual: Vec<f64>,
+    /// Whether a row is an outlier.
+    pub outlier: Vec<bool>,
 }
 
 impl Fit {

@@ -56,7 +56,7 @@ pub use data::{
 pub use decode::{Decoded, Reading, decode};
 pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, diagnose, diagnose_step};
 pub use estimate::{Implausible, Parameter, implausible};
-pub use figure::{figure_svg, write_figure};
+pub use figure::{axis_label, figure_svg, write_figure};
 pub use fit::{Fit, fit};
 pub use headline::headline;
 pub use json::{compare_json, diagnose_json, effects_json, fit_json};

@@ -18,6 +18,7 @@ pub(crate) mod serve;
 pub(crate) mod sheet;
 pub(crate) mod simulate;
 pub(crate) mod trajectory;
+pub(crate) mod view;
 pub(crate) mod warp;
 pub(crate) mod workbench;
 

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use retina_bench::OpticsDetail;
 use retina_campaign::{
-    Effect, Facility, FramesOptions, PointsOptions, PowerOptions, StarsOptions, TemperatureProfile,
-    known_effects, simulate_frames, simulate_points, simulate_power, simulate_stars,
+    Effect, Facility, FramesOptions, PointsOptions, PointsRecord, PowerOptions, StarsOptions,
+    TemperatureProfile, known_effects, simulate_frames, simulate_points, simulate_power, simulate_stars,
 };
 use retina_files::{InputError, write_atomic};
 use retina_formats::{Calibration, Channel, TableKind};
@@ -306,6 +306,7 @@ fn points(arguments: &PointsArguments) -> Result<(), Failure> {
             "temperature": format!("{:?}", options.temperature),
             "channel": options.channel.letter(),
             "centroid": format!("{:?}", options.centroid),
+            "options": PointsRecord::of(&facility, &options),
         }),
     )
 }

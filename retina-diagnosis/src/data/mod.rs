@@ -234,8 +234,9 @@ impl Dataset {
         self.field().map_or(0, Field::len)
     }
 
-    /// What a fit takes of a long table beside a calibration, whose error has a hundred columns.
-    pub(crate) fn fitted_part(&self) -> Option<Self> {
+    /// What a fit takes of a long table beside a calibration, whose error has a hundred columns; `None` where it takes
+    /// all.
+    pub fn fitted_part(&self) -> Option<Self> {
         const MOST: usize = 200_000;
         self.held.as_ref().and_then(|_| self.thinned(MOST))
     }
@@ -243,6 +244,11 @@ impl Dataset {
     /// What distances of neighbours are counted in.
     pub(crate) fn px_name(&self) -> &'static str {
         if self.pixels.is_some() { "px of the image" } else { "px of the screen" }
+    }
+
+    /// Points: the y of the camera's upper and lower edge, where x is 1 at the others.
+    pub fn field_half_height(&self) -> Option<f64> {
+        (self.kind == TableKind::Points).then_some(self.half_height)
     }
 
     /// Components of a row.

@@ -273,7 +273,7 @@ pub(crate) fn field_panel(title: &str, [x, y]: [f64; 2]) -> Panel {
 }
 
 /// A column's name as a label, its unit in brackets.
-pub(crate) fn axis_label(name: &str) -> String {
+pub fn axis_label(name: &str) -> String {
     const UNITS: [(&str, &str); 9] = [
         ("_w_m2", "W/m\u{b2}"),
         ("_arcsec", "arcsec"),

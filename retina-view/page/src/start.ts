@@ -1,0 +1,121 @@
+// The start page: sessions, files of the given folders, shipped examples, a place to drop files.
+
+import { get, post, remove, type StartDocument } from "./api";
+import { h, put } from "./dom";
+import { chooser, takeDrops } from "./drop";
+import { problemBox, problemOf } from "./problem";
+
+export function showStart(page: Element, open: (id: string) => void): () => void {
+  const box = h("div", {});
+  const failed = (error: unknown): void => {
+    put(box, problemBox(problemOf(error), () => put(box)));
+  };
+  const undo = takeDrops(() => null, open, failed);
+  const body = h("div", {}, h("p", {}, "Loading ..."));
+  page.replaceChildren(
+    h(
+      "main",
+      { id: "main", class: "start" },
+      h("h1", {}, "RETINA workbench"),
+      h("p", { class: "lead" }, "Compare a model with measurements. See where it fails, learn which effect is missing, add it, and watch the error fall."),
+      box,
+      body,
+    ),
+  );
+  const load = (): void => {
+    get<StartDocument>("/api/start").then((start) => put(body, ...sections(start, open, failed, load)), failed);
+  };
+  load();
+  return undo;
+}
+
+function sections(start: StartDocument, open: (id: string) => void, failed: (e: unknown) => void, again: () => void): Node[] {
+  const opened = (path: string, body: unknown): void => {
+    post<{ id: string }>(path, body).then((session) => open(session.id), failed);
+  };
+  const out: Node[] = [
+    h(
+      "section",
+      { class: "dropzone" },
+      h("h2", {}, "Your data"),
+      h("p", {}, "Drop a table (.csv) together with its setup (.toml) anywhere on this page; a calibration may come with them."),
+      chooser("Choose files", () => null, open, failed),
+    ),
+  ];
+  if (start.files.length > 0) {
+    out.push(h("section", {}, h("h2", {}, "Files of the given folders"), filesForm(start, opened)));
+  }
+  out.push(
+    h(
+      "section",
+      {},
+      h("h2", {}, "Examples"),
+      h("p", { class: "dim" }, "The virtual bench makes the data here, in some ten seconds."),
+      h(
+        "ul",
+        { class: "cards" },
+        ...start.examples.map((example) =>
+          h(
+            "li",
+            {},
+            h("h3", {}, example.title),
+            h("p", {}, example.text),
+            h("button", { type: "button", class: "primary", "data-key": example.id, click: () => opened("/api/sessions/example", { id: example.id }) }, "Open"),
+          ),
+        ),
+      ),
+    ),
+  );
+  if (start.sessions.length > 0) {
+    out.push(h("section", {}, h("h2", {}, "Sessions"), sessionList(start, open, failed, again)));
+  }
+  return out;
+}
+
+function filesForm(start: StartDocument, opened: (path: string, body: unknown) => void): HTMLElement {
+  const of = (kind: string): string[] => start.files.filter((file) => file.kind === kind).map((file) => file.path);
+  const shown = (path: string): string => path.replace(/^\d+\//, "");
+  const select = (label: string, paths: string[], none: string | null): [HTMLElement, HTMLSelectElement] => {
+    const options = paths.map((path) => h("option", { value: path }, shown(path) || "the given file"));
+    const element = h("select", {}, none === null ? null : h("option", { value: "" }, none), ...options);
+    return [h("label", {}, label, element), element];
+  };
+  const [setupField, setup] = select("Setup", of("setup"), null);
+  const [tableField, table] = select("Table", of("table"), null);
+  const [calibrationField, calibration] = select("Calibration", of("calibration"), "none");
+  const ready = of("setup").length > 0 && of("table").length > 0;
+  const submit = (event: Event): void => {
+    event.preventDefault();
+    opened("/api/sessions/open", { setup: setup.value, tables: [table.value], calibration: calibration.value || null });
+  };
+  return h(
+    "form",
+    { class: "files", submit },
+    setupField,
+    tableField,
+    calibrationField,
+    h("button", { type: "submit", class: "primary", disabled: !ready }, "Open"),
+    ready ? null : h("p", { class: "dim" }, "A setup and a table are needed; the given folders do not hold both."),
+  );
+}
+
+function sessionList(start: StartDocument, open: (id: string) => void, failed: (e: unknown) => void, again: () => void): HTMLElement {
+  const gone = (id: string, name: string): void => {
+    if (window.confirm(`Remove the session "${name}", with the files that were dropped for it?`)) {
+      remove(`/api/sessions/${id}`).then(again, failed);
+    }
+  };
+  return h(
+    "ul",
+    { class: "sessions" },
+    ...start.sessions.map((session) =>
+      h(
+        "li",
+        {},
+        h("button", { type: "button", class: "link", "data-key": `open-${session.id}`, click: () => open(session.id) }, session.name),
+        h("span", { class: "dim" }, session.effects.length === 0 ? "baseline" : session.effects.join(" + ")),
+        h("button", { type: "button", "aria-label": `Remove ${session.name}`, "data-key": `remove-${session.id}`, click: () => gone(session.id, session.name) }, "Remove"),
+      ),
+    ),
+  );
+}
