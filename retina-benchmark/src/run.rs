@@ -114,7 +114,7 @@ fn line(set: &Finished) -> Result<String, InputError> {
         .map_err(|error| InputError::new("results", error.to_string()))
 }
 
-fn read(setup: &Setup, files: &[PathBuf]) -> Result<Dataset, InputError> {
+pub(crate) fn read(setup: &Setup, files: &[PathBuf]) -> Result<Dataset, InputError> {
     let tables = Measurements::read(files)?;
     let baseline = Baseline::Physical;
     Dataset::new(&Source { tables: &tables, setup, calibration: None, response: None, baseline })

@@ -54,6 +54,14 @@ impl AddedEffect {
             .help(format!("{}`retina effects` lists them", near.unwrap_or_default())))
     }
 
+    /// From the text of an effect's file; `name` stands for the file in errors.
+    ///
+    /// # Errors
+    /// The text does not fit the table.
+    pub fn of_text(name: &str, text: &str, data: &Dataset) -> Result<Self, InputError> {
+        Ok(Self::Own(Arc::new(EffectOfFile::parse(Path::new(name), text, data)?)))
+    }
+
     /// Its id, where it is catalogued.
     pub fn id(&self) -> Option<EffectId> {
         match self {

@@ -51,8 +51,15 @@ impl EffectOfFile {
     /// # Errors
     /// It does not fit: keys, columns, units, formulas; told to the character.
     pub(crate) fn read(path: &Path, data: &Dataset) -> Result<Self, InputError> {
-        let text = read_text(path)?;
-        let file: EffectFile = parse_toml(path, &text)?;
+        Self::parse(path, &read_text(path)?, data)
+    }
+
+    /// From a file's text; the path names it in errors.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub(crate) fn parse(path: &Path, text: &str, data: &Dataset) -> Result<Self, InputError> {
+        let file: EffectFile = parse_toml(path, text)?;
         let pointed = |span: std::ops::Range<usize>, problem: String| {
             let before = &text[..span.start.min(text.len())];
             let mut error = InputError::new(path, problem);
@@ -61,7 +68,7 @@ impl EffectOfFile {
                 before.chars().rev().take_while(|c| *c != '\n').count() + 1,
             );
             error.snippet =
-                Some(Snippet { text: text.clone(), offset: span.start, length: span.len().max(1) });
+                Some(Snippet { text: text.to_owned(), offset: span.start, length: span.len().max(1) });
             error
         };
         if let Some(known) = effects(Some(data.kind)).iter().find(|effect| effect.name() == file.name) {

@@ -69,15 +69,20 @@ impl Weights {
     /// V^(-1/2) of a column in place: root weights, and each group's common part weighed down by
     /// 1 - (1 + variance * sum of weights)^(-1/2).
     pub(crate) fn whiten(&self, data: &Dataset, column: &mut [f64]) {
-        match data.kind.components() {
-            1 => self.whiten_rows::<1>(data, column),
-            _ => self.whiten_rows::<2>(data, column),
-        }
+        self.whiten_rows_of(data, column);
         let rho = data.wander;
         self.levels(data, column, false, |level, before| (level - rho * before) / (1.0 - rho * rho).sqrt());
     }
 
-    /// The same before groups follow each other: most of a diagnosis's time goes by here.
+    /// The same before groups follow each other.
+    pub(crate) fn whiten_rows_of(&self, data: &Dataset, column: &mut [f64]) {
+        match data.kind.components() {
+            1 => self.whiten_rows::<1>(data, column),
+            _ => self.whiten_rows::<2>(data, column),
+        }
+    }
+
+    /// Most of a diagnosis's time goes by here.
     fn whiten_rows<const N: usize>(&self, data: &Dataset, column: &mut [f64]) {
         for group in &data.groups {
             let weights = &self.weight[group.rows.clone()];
