@@ -20,8 +20,8 @@ use crate::forms::FORMULA;
 use crate::generate::{Derived, io, to_bytes};
 use crate::plan::Plan;
 use crate::points::baseline_of_table;
-use crate::run::read;
-use crate::score::{FINDABLE_SIGMA, Target, lines, numbers};
+use crate::run::{predict, read};
+use crate::score::{FINDABLE_SIGMA, Target, field_error, lines, numbers};
 
 /// Largest error of the predicted field, over its rms, of a formula that counts as equivalent.
 const EQUIVALENT: f64 = 0.2;
@@ -75,7 +75,9 @@ fn one(folder: &Path, setup: &Setup, set: usize) -> Result<Investigated, InputEr
     let data: Dataset = read(setup, &[own.join("table.csv")])?;
     let found = investigate(&data, &[], &Options::default(), &|_, _| {})?;
     let seconds = start.elapsed().as_secs_f64();
-    if !found.terms.is_empty() {
+    if !found.known.is_empty() {
+        predict(folder, set, &data, &found.fit)?;
+    } else if !found.terms.is_empty() {
         let fresh = read(setup, &[own.join("fresh.csv")])?;
         let predicted = found.fit.own_effects_on(&found.model, &fresh);
         // The table's rows are sorted by exposure already: so are the data's.
@@ -101,6 +103,11 @@ fn columns<'a>(names: impl Iterator<Item = &'a str>) -> BTreeSet<String> {
             name => name.to_owned(),
         })
         .collect()
+}
+
+/// The same, on the table's own rows where known effects are in the model: only formulas are evaluated elsewhere.
+fn error_of(folder: &Path, said: &Investigated) -> Option<f64> {
+    if said.known.is_empty() { fresh_error(folder, said.set) } else { field_error(folder, said.set) }
 }
 
 /// Predicted minus true field on fresh exposures beside the baseline, over the true one's rms.
@@ -157,13 +164,12 @@ pub fn score_investigated(folder: &Path) -> Result<(Vec<Target>, String), InputE
                 .map(String::as_str)
                 .chain(of_known.flat_map(|e| e.covariates().iter().copied())),
         );
-        let error = fresh_error(folder, plan.set);
+        let error = error_of(folder, said);
         let count = right.entry(format!("{}", formula.strength)).or_default();
         count[0] += 1;
         count[1] += usize::from(findable);
         count[2] += usize::from(found == truth);
-        // What known effects took is not in the formula: such a set is judged by its columns alone.
-        count[3] += usize::from(said.known.is_empty() && error.is_some_and(|e| e <= EQUIVALENT));
+        count[3] += usize::from(error.is_some_and(|e| e <= EQUIVALENT));
         let _ = writeln!(
             listing,
             "| {} | {} | {} | {} | {} | {} |",

@@ -127,7 +127,7 @@ pub(crate) fn numbers(path: &Path) -> Option<Vec<f64>> {
 }
 
 /// Predicted minus true field beside the baseline, over the true one's rms.
-fn field_error(folder: &Path, set: usize) -> Option<f64> {
+pub(crate) fn field_error(folder: &Path, set: usize) -> Option<f64> {
     let truth = numbers(&folder.join("sealed").join(format!("{set:05}.f32")))?;
     let px = numbers(&folder.join("predicted").join(format!("{set:05}.f32")))?;
     let table =

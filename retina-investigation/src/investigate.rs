@@ -4,8 +4,7 @@ use std::sync::atomic::AtomicUsize;
 
 use rayon::prelude::*;
 use retina_diagnosis::{
-    AddedEffect, Dataset, DiagnoseOptions, Fit, Halves, LeftOut, Noise, Proof, Remainder, check_effects,
-    diagnose, fit,
+    AddedEffect, Dataset, DiagnoseOptions, Fit, Halves, LeftOut, Noise, Proof, Remainder, diagnose_step, fit,
 };
 use retina_files::InputError;
 
@@ -43,6 +42,8 @@ const MOST_RIVALS: usize = 4;
 const RIVAL_COMPLEXITY: usize = 2;
 /// A structure weaker than this, rms over noise, is not reported.
 const FLOOR: f64 = 0.025;
+/// Most known effects that join the model.
+const MOST_KNOWN: usize = 4;
 /// Share of a formula's square that a catalogued effect has to hold to be called the same.
 const ALIKE: f64 = 0.9;
 /// A formula whose difference from another one is below this share of its rms is the same.
@@ -101,7 +102,7 @@ pub struct Unproven {
 
 /// The outcome.
 pub struct Investigation {
-    /// Known effects that were found first and belong to the model.
+    /// Known effects that were found beside the formulas and belong to the model.
     pub known: Vec<&'static str>,
     /// Formulas in the order in which they were found.
     pub terms: Vec<Term>,
@@ -137,27 +138,28 @@ pub fn investigate(
             .expected("a table of points, of power readings or of a phase curve")
             .help("`retina diagnose` says on which columns of the pixels errors depend"));
     }
-    progress("looking for known effects", 0.0);
-    let diagnosis =
-        diagnose(data, added, &DiagnoseOptions { seed: options.seed, ..DiagnoseOptions::default() });
-    let mut model = added.to_vec();
-    for id in &diagnosis.accepted {
-        model.push(AddedEffect::read(id, data)?);
-    }
     let mut out = Rounds {
         data,
-        model,
+        model: added.to_vec(),
+        known: Vec::new(),
         terms: Vec::new(),
         unproven: None,
         tried: 0,
-        notes: diagnosis.notes,
+        notes: data.notes.clone(),
         options,
         progress,
     };
-    while out.terms.len() < options.most_terms && out.round()? {}
+    // Known effects whose forms no formula comes near to are the diagnosis's to find. It comes second: beside what is
+    // unknown it takes known effects for it.
+    loop {
+        while out.terms.len() < options.most_terms && out.known.len() < MOST_KNOWN && out.round()? {}
+        if !out.diagnosed()? {
+            break;
+        }
+    }
     let fit = fit(data, &out.model)?;
     Ok(Investigation {
-        known: diagnosis.accepted,
+        known: out.known,
         noise: fit.noise.clone(),
         terms: out.terms,
         unproven: out.unproven,
@@ -172,12 +174,20 @@ pub fn investigate(
 struct Rounds<'a> {
     data: &'a Dataset,
     model: Vec<AddedEffect>,
+    known: Vec<&'static str>,
     terms: Vec<Term>,
     unproven: Option<Unproven>,
     tried: usize,
     notes: Vec<String>,
     options: &'a Options,
     progress: &'a (dyn Fn(&str, f64) + Sync),
+}
+
+/// What a round adds to the model.
+enum Chosen {
+    /// A catalogued effect that is nearly the same as the formula that was found.
+    Known(&'static str),
+    Formula(Box<Term>, AddedEffect),
 }
 
 /// A form with what both halves say of it.
@@ -187,6 +197,25 @@ struct Judged {
 }
 
 impl Rounds<'_> {
+    /// Adds what a diagnosis of what is left accepts; false where it accepts nothing.
+    fn diagnosed(&mut self) -> Result<bool, InputError> {
+        (self.progress)("looking for known effects", 0.95);
+        if self.known.len() >= MOST_KNOWN {
+            return Ok(false);
+        }
+        let options = DiagnoseOptions { seed: self.options.seed, ..DiagnoseOptions::default() };
+        let found = diagnose_step(self.data, &self.model, &options, !self.model.is_empty());
+        let before = self.known.len();
+        for id in &found.accepted {
+            let effect = AddedEffect::read(id, self.data)?;
+            if self.fits_with(&effect) {
+                self.model.push(effect);
+                self.known.push(id);
+            }
+        }
+        Ok(self.known.len() > before)
+    }
+
     /// Looks for one more formula; false where none is proven.
     fn round(&mut self) -> Result<bool, InputError> {
         let halves = Halves::new(self.data, &self.model).map_err(|few| {
@@ -250,9 +279,17 @@ impl Rounds<'_> {
             .collect();
         judged.insert(0, Judged { form: chosen.form.clone(), proof });
         let term = self.on_all_data(&halves, &columns, &whole, judged, name(number))?;
-        let Some((term, effect)) = term else { return Ok(false) };
-        self.terms.push(term);
-        self.model.push(effect);
+        match term {
+            Some(Chosen::Formula(term, effect)) => {
+                self.terms.push(*term);
+                self.model.push(effect);
+            }
+            Some(Chosen::Known(name)) => {
+                self.model.push(AddedEffect::read(name, self.data)?);
+                self.known.push(name);
+            }
+            None => return Ok(false),
+        }
         Ok(true)
     }
 
@@ -264,7 +301,7 @@ impl Rounds<'_> {
         whole: &Table,
         judged: Vec<Judged>,
         name: String,
-    ) -> Result<Option<(Term, AddedEffect)>, InputError> {
+    ) -> Result<Option<Chosen>, InputError> {
         let search = Search {
             kind: self.data.kind,
             columns,
@@ -279,6 +316,15 @@ impl Rounds<'_> {
         let evaluated = finite(own.evaluate(whole, columns));
         let amplitudes: Vec<f64> = left.amplitudes(&evaluated).iter().map(|(value, _)| *value).collect();
         let field = sum(&evaluated, amplitudes.iter().copied());
+        let alike: Vec<(&'static str, f64)> =
+            left.alike(&field).into_iter().filter(|(_, share)| *share >= ALIKE).collect();
+        let new = |name: &&'static str| {
+            !self.model.iter().any(|effect| effect.name() == *name)
+                && AddedEffect::read(name, self.data).is_ok_and(|effect| self.fits_with(&effect))
+        };
+        if let Some(name) = alike.iter().map(|(name, _)| *name).find(|name| new(name)) {
+            return Ok(Some(Chosen::Known(name)));
+        }
         let frozen = inseparable(&left, own, whole, columns, &amplitudes);
         let Some((text, effect)) = self.readable(own, columns, &name, &amplitudes, frozen) else {
             self.notes
@@ -292,13 +338,18 @@ impl Rounds<'_> {
             .map_or(judged[0].proof, |judged| judged.proof);
         let beside = left.beside(&field);
         let rms = (field.iter().map(|v| v * v).sum::<f64>() / field.len().max(1) as f64).sqrt();
-        let alike: Vec<(&'static str, f64)> =
-            left.alike(&field).into_iter().filter(|(_, share)| *share >= ALIKE).collect();
         let strength = (beside.iter().map(|v| v * v).sum::<f64>() / left.components()).sqrt();
         let words = words(own, columns, self.data, &amplitudes, strength);
         let covariates = own.covariates(columns);
         let term = Term { name, effect: text, covariates, proof, rms, rivals, alike, words, field };
-        Ok(Some((term, effect)))
+        Ok(Some(Chosen::Formula(Box::new(term), effect)))
+    }
+
+    /// Whether the workbench can fit the model with one more effect.
+    fn fits_with(&self, effect: &AddedEffect) -> bool {
+        let mut model = self.model.clone();
+        model.push(effect.clone());
+        fit(self.data, &model).is_ok()
     }
 
     /// The form as an effect that the workbench takes. Shape parameters that it refuses are held.
@@ -314,10 +365,7 @@ impl Rounds<'_> {
         [frozen, all].into_iter().find_map(|frozen| {
             let text = form.effect(columns, self.data.kind, name, amplitudes, &frozen);
             let effect = AddedEffect::of_text(name, &text, self.data).ok()?;
-            let mut model = self.model.clone();
-            model.push(effect.clone());
-            check_effects(self.data, &model).ok()?;
-            Some((text, effect))
+            self.fits_with(&effect).then_some((text, effect))
         })
     }
 

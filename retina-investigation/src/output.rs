@@ -50,7 +50,7 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
     let unit = data.kind.unit();
     let mut out = vec![headline(result), String::new()];
     if !result.known.is_empty() {
-        out.push(format!("known effects that were found first: {}", result.known.join(", ")));
+        out.push(format!("known effects that were found beside it: {}", result.known.join(", ")));
     }
     for term in &result.terms {
         out.push(format!("{}: depends on {}", term.name, term.covariates.join(", ")));
