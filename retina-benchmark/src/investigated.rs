@@ -33,6 +33,8 @@ struct Investigated {
     known: Vec<String>,
     /// Columns of each formula.
     formulas: Vec<Vec<String>>,
+    /// Rms of each beside the model over that of the noise.
+    strengths: Vec<f64>,
     p: Option<f64>,
     tried: usize,
     seconds: f64,
@@ -88,6 +90,7 @@ fn one(folder: &Path, setup: &Setup, set: usize) -> Result<Investigated, InputEr
         set,
         known: found.known.iter().map(|id| (*id).to_owned()).collect(),
         formulas: found.terms.iter().map(|term| term.covariates.clone()).collect(),
+        strengths: found.terms.iter().map(|term| term.proof.strength).collect(),
         p: found.terms.first().map(|term| term.proof.p_value),
         tried: found.tried,
         seconds,

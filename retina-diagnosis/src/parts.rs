@@ -15,6 +15,7 @@ use crate::catalogue::{Variant, effects};
 use crate::data::{Dataset, Flip};
 use crate::linear::{Basis, dot, least_squares};
 use crate::noise::{Weights, robust_fit};
+use crate::pixel_noise;
 use crate::scatter::{Noise, noise};
 use crate::score::Frame;
 use crate::screens::screened;
@@ -185,7 +186,10 @@ impl Halves {
     pub fn new(data: &Dataset, added: &[AddedEffect]) -> Result<Self, TooFew> {
         let adjusted = adjusted(data, added);
         let (mut data, base) = (adjusted.data, adjusted.base);
-        let noise = noise(&data).ok_or(TooFew { found: 0, needed: 2 * FEWEST_UNITS })?;
+        let noise = match data.pixels() {
+            Some(pixels) => pixel_noise::noise(pixels.white.as_ref(), &robust_fit(&data, &base)),
+            None => noise(&data).ok_or(TooFew { found: 0, needed: 2 * FEWEST_UNITS })?,
+        };
         noise.apply(&mut data);
         let units = Units::of(&data);
         if units.count < 2 * FEWEST_UNITS {

@@ -1,6 +1,7 @@
 //! The columns that laws are functions of.
 
 use retina_diagnosis::{Dataset, unit_of_column};
+use retina_formats::TableKind;
 
 /// What a column's values are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -111,10 +112,13 @@ pub(crate) fn columns(data: &Dataset) -> Vec<Column> {
 
 fn column(data: &Dataset, name: String) -> Option<Column> {
     let mut sorted = values(data, &name);
+    let rows = sorted.len();
+    sorted.retain(|value| value.is_finite());
+    // In a table a value that is missing is not known, in an image a pixel of the sky has no angle.
+    let enough = if data.kind == TableKind::Frames { sorted.len() > rows / 4 } else { sorted.len() == rows };
     sorted.sort_by(f64::total_cmp);
     let (low, high) = (rounded(*sorted.first()?), rounded(*sorted.last()?));
-    // A row without a value would drop out of some forms and not of others.
-    if !(low.is_finite() && high.is_finite() && high > low) {
+    if !enough || high <= low {
         return None;
     }
     sorted.dedup();

@@ -71,7 +71,11 @@ impl Form {
             scalars.push(1.0);
             for factor in &self.factors {
                 let u = table.column(factor.column)[row];
-                let value = factor.law.value(u, &factor.shape, &columns[factor.column]);
+                // Where a column has no value the effect has none.
+                let value = match u.is_nan() {
+                    true => [0.0; 2],
+                    false => factor.law.value(u, &factor.shape, &columns[factor.column]),
+                };
                 let before = scalars.len();
                 if factor.law.width() == 2 {
                     for k in 0..before {
@@ -232,4 +236,90 @@ impl Form {
 fn plain(value: f64) -> String {
     let value = rounded(value);
     if value < 0.0 { format!("({value})") } else { format!("{value}") }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test may fail")]
+
+    use retina_diagnosis::AddedEffect;
+
+    use super::*;
+    use crate::campaign;
+    use crate::columns::columns;
+
+    /// Every law on every column it fits, at each shape that a search begins at, with every direction: the text that a
+    /// user gets says what the search has evaluated.
+    #[test]
+    fn texts_say_what_forms_are() {
+        let setup = campaign::setup();
+        let text = campaign::Campaign::new(3).table(&setup, &|p| p.r);
+        let rolled = |(k, line): (usize, &str)| match k {
+            0 => format!("{line},camera_roll_deg\n"),
+            k => format!("{line},{}\n", 90 * (k / 1000)),
+        };
+        let text: String = text.lines().enumerate().map(rolled).collect();
+        let data = campaign::dataset(&setup, &text);
+        let columns = columns(&data);
+        let table = Table::new(&data, &columns);
+        let mut forms: Vec<Form> = Vec::new();
+        for direction in Direction::PLAIN.into_iter().chain(Direction::SHAPED) {
+            for place in direction.starts().into_iter().take(2) {
+                forms.push(Form { direction, place, factors: Vec::new() });
+            }
+        }
+        let plain = forms.len();
+        for (column, of) in columns.iter().enumerate() {
+            for law in Law::ALL {
+                for (k, shape) in law.starts(of).into_iter().enumerate() {
+                    let (direction, place) = {
+                        let other = &forms[(7 * column + k) % plain];
+                        (other.direction, other.place.clone())
+                    };
+                    forms.push(Form { direction, place, factors: vec![Factor { column, law, shape }] });
+                }
+            }
+        }
+        assert!(Law::ALL.iter().all(|law| forms.iter().any(|f| f.factors.iter().any(|g| g.law == *law))));
+        for form in forms {
+            let of_each = form.evaluate(&table, &columns);
+            let amplitudes: Vec<f64> = (0..form.width()).map(|k| 0.7 - 0.4 * k as f64).collect();
+            for frozen in [true, false] {
+                let text = form.effect(&columns, data.kind, "f", &amplitudes, &vec![frozen; form.shapes()]);
+                let AddedEffect::Own(effect) = AddedEffect::of_text("f", &text, &data).unwrap() else {
+                    unreachable!("a text is no id")
+                };
+                let names = effect.columns();
+                let values: Vec<&[f64]> = names
+                    .iter()
+                    .map(|name| {
+                        columns.iter().position(|c| c.name == *name).map_or(&table.x[..], |k| table.column(k))
+                    })
+                    .collect();
+                let start: Vec<f64> = effect.parameters().iter().map(|p| p.start).collect();
+                for row in (0..table.rows).step_by(97) {
+                    let at: Vec<f64> = names
+                        .iter()
+                        .zip(&values)
+                        .map(|(name, v)| match *name {
+                            "y" => table.y[row],
+                            "x" => table.x[row],
+                            "camera_roll_deg" => table.roll_rad[row].to_degrees(),
+                            _ => v[row],
+                        })
+                        .collect();
+                    let said = effect.value(&at, &start);
+                    for axis in 0..2 {
+                        let own: f64 =
+                            of_each.iter().zip(&amplitudes).map(|(c, a)| a * c[2 * row + axis]).sum();
+                        let off = (said[axis] - own).abs();
+                        assert!(
+                            off <= 1e-4 * own.abs().max(1.0),
+                            "{text}\nrow {row}: {said:?}, {own} evaluated"
+                        );
+                    }
+                }
+            }
+        }
+    }
 }

@@ -7,6 +7,7 @@ use retina_diagnosis::{
     AddedEffect, Dataset, DiagnoseOptions, Fit, Halves, LeftOut, Noise, Proof, Remainder, diagnose_step, fit,
 };
 use retina_files::InputError;
+use retina_formats::TableKind;
 
 use crate::columns::{Column, Table, columns};
 use crate::form::Form;
@@ -132,12 +133,6 @@ pub fn investigate(
     options: &Options,
     progress: &(dyn Fn(&str, f64) + Sync),
 ) -> Result<Investigation, InputError> {
-    if data.kind == retina_formats::TableKind::Frames {
-        return Err(InputError::new("--data", "images are not investigated yet")
-            .found("a table of frames")
-            .expected("a table of points, of power readings or of a phase curve")
-            .help("`retina diagnose` says on which columns of the pixels errors depend"));
-    }
     let mut out = Rounds {
         data,
         model: added.to_vec(),
@@ -200,7 +195,8 @@ impl Rounds<'_> {
     /// Adds what a diagnosis of what is left accepts; false where it accepts nothing.
     fn diagnosed(&mut self) -> Result<bool, InputError> {
         (self.progress)("looking for known effects", 0.95);
-        if self.known.len() >= MOST_KNOWN {
+        // Those of images change the prediction, which is made anew with each: the caller's to do.
+        if self.known.len() >= MOST_KNOWN || self.data.kind == TableKind::Frames {
             return Ok(false);
         }
         let options = DiagnoseOptions { seed: self.options.seed, ..DiagnoseOptions::default() };
@@ -319,7 +315,8 @@ impl Rounds<'_> {
         let alike: Vec<(&'static str, f64)> =
             left.alike(&field).into_iter().filter(|(_, share)| *share >= ALIKE).collect();
         let new = |name: &&'static str| {
-            !self.model.iter().any(|effect| effect.name() == *name)
+            self.data.kind != TableKind::Frames
+                && !self.model.iter().any(|effect| effect.name() == *name)
                 && AddedEffect::read(name, self.data).is_ok_and(|effect| self.fits_with(&effect))
         };
         if let Some(name) = alike.iter().map(|(name, _)| *name).find(|name| new(name)) {

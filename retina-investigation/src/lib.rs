@@ -4,6 +4,9 @@
 //! - [`Term`]: a formula as a user's effect, with its proof, its rivals and what it says in words.
 //! - [`investigation_text`], [`investigation_json`], [`investigation_page`]: for people and programs.
 
+#[cfg(test)]
+#[path = "../../retina-diagnosis/tests/common/mod.rs"]
+mod campaign;
 mod columns;
 mod direction;
 mod form;

@@ -2,12 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+use retina_diagnosis::{AddedEffect, Dataset, DiagnoseOptions};
 use retina_files::InputError;
+use retina_frames::diagnose_frames;
 use retina_investigation::{
     Investigation, Options, investigate, investigation_json, investigation_page, investigation_text,
 };
+use retina_report::Section;
 
-use super::workbench::{Input, Material};
+use super::workbench::{Input, Material, pictures};
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
 use crate::progress::counter;
@@ -41,23 +44,52 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.input.check_outputs(&arguments.effects, &[(&arguments.report, "html")])?;
+    // Known effects of images change the prediction: they are found first, and formulas of what is left then.
+    if let Some(mut set) = arguments.input.read()?.frames()? {
+        let options = DiagnoseOptions { seed: arguments.seed, ..DiagnoseOptions::default() };
+        let (data, added, found) = diagnose_frames(&mut set, &arguments.effects, &options)?;
+        let mut result = investigated(arguments, &data, &added)?;
+        result.known = found.accepted;
+        return write(arguments, &data, &result, Some(pictures(&set)));
+    }
     let (material, added) = Material::read(&arguments.input, &arguments.effects)?;
     let data = material.data();
+    write(arguments, data, &investigated(arguments, data, &added)?, None)
+}
+
+/// The investigation, with its progress on standard error.
+fn investigated(
+    arguments: &Arguments,
+    data: &Dataset,
+    added: &[AddedEffect],
+) -> Result<Investigation, InputError> {
     let options = Options { seed: arguments.seed, most_terms: arguments.terms as usize };
     let bar = counter(100, "%");
     let progress = |_: &str, share: f64| bar.set_position((100.0 * share) as u64);
-    let result = investigate(data, &added, &options, &progress);
+    let result = investigate(data, added, &options, &progress);
     bar.finish_and_clear();
-    let result = result?;
+    result
+}
+
+fn write(
+    arguments: &Arguments,
+    data: &Dataset,
+    result: &Investigation,
+    images: Option<Section>,
+) -> Result<(), Failure> {
     if let Some(folder) = &arguments.out {
-        write_effects(folder, &result)?;
+        write_effects(folder, result)?;
     }
     if let Some(path) = &arguments.report {
-        investigation_page(data, &result).write(path)?;
+        let mut page = investigation_page(data, result);
+        if let Some(images) = images {
+            page = page.after_card(images);
+        }
+        page.write(path)?;
     }
     match arguments.json {
-        true => print_json(&investigation_json(data, &result)),
-        false => print_lines(&investigation_text(data, &result)),
+        true => print_json(&investigation_json(data, result)),
+        false => print_lines(&investigation_text(data, result)),
     }
 }
 
