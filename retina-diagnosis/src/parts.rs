@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::added::{AddedEffect, adjusted};
-use crate::catalogue::{Variant, effects};
+use crate::catalogue::{Effect, Variant, effects};
 use crate::data::{Dataset, Flip};
 use crate::linear::{Basis, dot, least_squares};
 use crate::noise::{Weights, robust_fit};
@@ -296,6 +296,29 @@ impl Halves {
             ratio_sigma: scatter.sqrt() / square,
             strength: (square / kept).sqrt(),
         }
+    }
+
+    /// Judges a catalogued effect: fitted in the half that searches, in its form that fits best there. `None` where the table
+    /// cannot show it.
+    pub fn prove_known(&self, effect: &Effect, seed: u64) -> Option<Proof> {
+        let data = &self.whole.data;
+        let left = self.search(&[]);
+        let (_, columns) = effect
+            .build(data)
+            .ok()?
+            .iter()
+            .map(|variant| {
+                let terms = variant.leading.iter().chain(&variant.further);
+                let columns: Vec<Vec<f64>> = terms.map(|term| data.column(term)).collect();
+                (left.scores(&[self.search.cut(&columns)])[0].statistic, columns)
+            })
+            .max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let amplitudes = left.amplitudes(&self.search.cut(&columns));
+        let mut predicted = vec![0.0; data.y.len()];
+        for (column, (amplitude, _)) in columns.iter().zip(amplitudes) {
+            predicted.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
+        }
+        Some(self.prove(&predicted, &columns, seed))
     }
 
     /// Each group's level in each component, where halves are runs of rows of the same groups: what the two share.

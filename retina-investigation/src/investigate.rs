@@ -204,12 +204,21 @@ impl Rounds<'_> {
         let before = self.known.len();
         for id in &found.accepted {
             let effect = AddedEffect::read(id, self.data)?;
-            if self.fits_with(&effect) {
+            if self.holds(&effect) && self.fits_with(&effect) {
                 self.model.push(effect);
                 self.known.push(id);
             }
         }
         Ok(self.known.len() > before)
+    }
+
+    /// Whether a catalogued effect, fitted to one half, holds in the other: the diagnosis has seen both.
+    fn holds(&self, effect: &AddedEffect) -> bool {
+        let (AddedEffect::Catalogued(known), Ok(halves)) = (effect, Halves::new(self.data, &self.model))
+        else {
+            return false;
+        };
+        halves.prove_known(known, self.options.seed).is_some_and(|proof| proof.p_value <= LEVEL[0])
     }
 
     /// Looks for one more formula; false where none is proven.
