@@ -33,8 +33,8 @@ struct Investigated {
     known: Vec<String>,
     /// Columns of each formula.
     formulas: Vec<Vec<String>>,
-    /// Rms of each beside the model over that of the noise.
-    strengths: Vec<f64>,
+    /// Columns of those that are told to be weak: perhaps what another formula's laws lack.
+    weak: Vec<Vec<String>>,
     p: Option<f64>,
     tried: usize,
     seconds: f64,
@@ -86,15 +86,23 @@ fn one(folder: &Path, setup: &Setup, set: usize) -> Result<Investigated, InputEr
         let path = folder.join("predicted").join(format!("{set:05}-fresh.f32"));
         std::fs::write(&path, to_bytes(&predicted)).map_err(|error| io(&path, &error))?;
     }
+    let columns_of = |weak: bool| -> Vec<Vec<String>> {
+        let terms = found.terms.iter().filter(|term| term.weak_beside.is_some() == weak);
+        terms.map(|term| term.covariates.clone()).collect()
+    };
     Ok(Investigated {
         set,
         known: found.known.iter().map(|id| (*id).to_owned()).collect(),
-        formulas: found.terms.iter().map(|term| term.covariates.clone()).collect(),
-        strengths: found.terms.iter().map(|term| term.proof.strength).collect(),
+        formulas: columns_of(false),
+        weak: columns_of(true),
         p: found.terms.first().map(|term| term.proof.p_value),
         tried: found.tried,
         seconds,
     })
+}
+
+fn listed(formulas: &[Vec<String>]) -> String {
+    formulas.iter().map(|columns| columns.join(", ")).collect::<Vec<_>>().join("; ")
 }
 
 /// Columns with x and y as one place.
@@ -139,7 +147,7 @@ pub fn score_investigated(folder: &Path) -> Result<(Vec<Target>, String), InputE
     let said: HashMap<usize, Investigated> = said.into_iter().map(|s| (s.set, s)).collect();
     let mut right = HashMap::<String, [usize; 4]>::new();
     let mut listing = String::from(
-        "| set | strength | truth | known | formulas | error on fresh exposures |\n|---|---|---|---|---|---|\n",
+        "| set | strength | truth | known | formulas | weak | error on fresh exposures |\n|---|---|---|---|---|---|---|\n",
     );
     let mut nulls: HashMap<&str, [usize; 2]> = HashMap::new();
     for plan in &plans {
@@ -153,7 +161,7 @@ pub fn score_investigated(folder: &Path) -> Result<(Vec<Target>, String), InputE
             };
             let count = nulls.entry(kind).or_default();
             count[0] += 1;
-            count[1] += usize::from(!said.formulas.is_empty());
+            count[1] += usize::from(!said.formulas.is_empty() || !said.known.is_empty() && hidden.is_none());
             continue;
         };
         let findable =
@@ -175,12 +183,13 @@ pub fn score_investigated(folder: &Path) -> Result<(Vec<Target>, String), InputE
         count[3] += usize::from(error.is_some_and(|e| e <= EQUIVALENT));
         let _ = writeln!(
             listing,
-            "| {} | {} | {} | {} | {} | {} |",
+            "| {} | {} | {} | {} | {} | {} | {} |",
             plan.set,
             formula.strength,
             plan.covariates.join(", "),
             said.known.join(", "),
-            said.formulas.iter().map(|f| f.join(", ")).collect::<Vec<_>>().join("; "),
+            listed(&said.formulas),
+            listed(&said.weak),
             error.map_or_else(String::new, |e| format!("{e:.2}"))
         );
     }
@@ -216,7 +225,7 @@ pub fn score_investigated(folder: &Path) -> Result<(Vec<Target>, String), InputE
     for (strength, [of, findable, columns, equal]) in strengths {
         let _ = writeln!(text, "| {strength} | {of} | {findable} | {columns} | {equal} |");
     }
-    text.push_str("\n| without a formula | sets | found all the same |\n|---|---|---|\n");
+    text.push_str("\n| without a formula | sets | something found that is not there |\n|---|---|---|\n");
     let mut kinds: Vec<_> = nulls.into_iter().collect();
     kinds.sort_unstable();
     for (kind, [of, count]) in kinds {

@@ -23,6 +23,8 @@ use crate::units::{Units, in_time};
 
 /// Fewest units of a half: their signs flip in 64 ways.
 const FEWEST_UNITS: usize = 6;
+/// Share of the rows from which on outliers may be what the model lacks.
+const MANY_OUTLIERS: f64 = 0.1;
 /// Draws of the signs.
 const FLIPS: usize = 9999;
 
@@ -230,6 +232,21 @@ impl Halves {
     /// What the model leaves in the half in which forms are looked for, weighed as if these columns belonged to it.
     pub fn search(&self, with: &[Vec<f64>]) -> Remainder<'_> {
         self.search.remainder(with)
+    }
+
+    /// The same where most of what looks like outliers is what the model lacks: no row is left out, all weigh the same.
+    /// `None` where outliers are few.
+    pub fn search_unrejected(&self) -> Option<Remainder<'_>> {
+        let robust = robust_fit(&self.search.data, &self.search.base);
+        let outliers = robust.weights.outlier.iter().filter(|out| **out).count();
+        (outliers as f64 > MANY_OUTLIERS * self.search.data.len() as f64).then(|| {
+            let mean = dot(&robust.residual, &robust.residual) / robust.residual.len().max(1) as f64;
+            let weights = Weights::equal(self.search.data.len(), mean.sqrt());
+            Remainder {
+                frame: Frame::weighted(&self.search.data, &self.search.base, weights),
+                base: &self.search.base,
+            }
+        })
     }
 
     /// What the model leaves in the half that judges.

@@ -4,15 +4,16 @@ use std::sync::atomic::AtomicUsize;
 
 use rayon::prelude::*;
 use retina_diagnosis::{
-    AddedEffect, Dataset, DiagnoseOptions, Fit, Halves, LeftOut, Noise, Proof, Remainder, diagnose_step, fit,
+    AddedEffect, Dataset, DiagnoseOptions, Halves, LeftOut, Proof, Remainder, diagnose_step, fit,
 };
 use retina_files::InputError;
 use retina_formats::TableKind;
 
 use crate::columns::{Column, Table, columns};
 use crate::form::Form;
-use crate::search::{Scored, Search, finite, simplest};
-use crate::words::{Words, words};
+use crate::outcome::{Investigation, Rival, Term, Unproven};
+use crate::search::{Scored, Search, WEAK, finite, simplest};
+use crate::words::words;
 
 /// What is asked of an investigation.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,77 +50,6 @@ const MOST_KNOWN: usize = 4;
 const ALIKE: f64 = 0.9;
 /// A formula whose difference from another one is below this share of its rms is the same.
 const SAME: f64 = 0.02;
-
-/// A formula that the data cannot tell from the one that is given.
-#[derive(Debug, Clone)]
-pub struct Rival {
-    /// As a user's effect: the text of a TOML file.
-    pub effect: String,
-    /// Columns it depends on.
-    pub covariates: Vec<String>,
-    /// Rms of the difference of the two over the table's rows, in the table's unit.
-    pub difference_rms: f64,
-    /// The row where they differ most: its columns, and the difference.
-    pub differs_at: Vec<(String, f64)>,
-    /// The difference there, in the table's unit.
-    pub differs_by: f64,
-    /// By how many standard errors the given one is better on units left out.
-    pub beaten_by: f64,
-}
-
-/// A formula that was found and proven.
-#[derive(Debug, Clone)]
-pub struct Term {
-    /// Its name.
-    pub name: String,
-    /// As a user's effect, the text of a TOML file: `--effect FILE` takes it.
-    pub effect: String,
-    /// Columns it depends on.
-    pub covariates: Vec<String>,
-    /// What the half says that the search has not seen.
-    pub proof: Proof,
-    /// Rms of what it adds, per component in the table's unit, beside the model.
-    pub rms: f64,
-    /// Formulas that the data cannot tell from it, simplest first.
-    pub rivals: Vec<Rival>,
-    /// Catalogued effects that are nearly the same here, with the share of its square that they hold.
-    pub alike: Vec<(&'static str, f64)>,
-    /// What it says in words.
-    pub words: Words,
-    /// What it adds to each row, components side by side, in the table's unit.
-    pub field: Vec<f64>,
-}
-
-/// What the search chose and the other half did not confirm.
-#[derive(Debug, Clone)]
-pub struct Unproven {
-    /// As a user's effect.
-    pub effect: String,
-    /// Columns it depends on.
-    pub covariates: Vec<String>,
-    /// What the other half said.
-    pub proof: Proof,
-}
-
-/// The outcome.
-pub struct Investigation {
-    /// Known effects that were found beside the formulas and belong to the model.
-    pub known: Vec<&'static str>,
-    /// Formulas in the order in which they were found.
-    pub terms: Vec<Term>,
-    /// The last that was looked for and not confirmed.
-    pub unproven: Option<Unproven>,
-    /// All effects of the model: those that were given, the known ones, then the formulas.
-    pub model: Vec<AddedEffect>,
-    /// Model and formulas fitted together, with the ladder of held-out errors.
-    pub fit: Fit,
-    /// What the measurements scatter by.
-    pub noise: Noise,
-    /// Forms that were tried in all rounds.
-    pub tried: usize,
-    /// What the user ought to know.
-    pub notes: Vec<String>,
-}
 
 /// Looks for formulas of what the model leaves: the baseline, the `added` effects, and those that a diagnosis names.
 ///
@@ -347,7 +277,10 @@ impl Rounds<'_> {
         let strength = (beside.iter().map(|v| v * v).sum::<f64>() / left.components()).sqrt();
         let words = words(own, columns, self.data, &amplitudes, strength);
         let covariates = own.covariates(columns);
-        let term = Term { name, effect: text, covariates, proof, rms, rivals, alike, words, field };
+        let weak_beside =
+            self.terms.iter().find(|before| rms < WEAK * before.rms).map(|before| before.name.clone());
+        let term =
+            Term { name, effect: text, covariates, proof, rms, weak_beside, rivals, alike, words, field };
         Ok(Some(Chosen::Formula(Box::new(term), effect)))
     }
 

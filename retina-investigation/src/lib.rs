@@ -12,14 +12,16 @@ mod direction;
 mod form;
 mod investigate;
 mod law;
+mod outcome;
 mod output;
 mod page;
 mod search;
 mod words;
 
 pub use direction::Direction;
-pub use investigate::{Investigation, Options, Rival, Term, Unproven, investigate};
+pub use investigate::{Options, investigate};
 pub use law::Law;
+pub use outcome::{Investigation, Rival, Term, Unproven};
 pub use output::{investigation_json, investigation_text};
 pub use page::investigation_page;
 pub use words::{Origin, Words};

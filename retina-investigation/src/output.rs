@@ -3,7 +3,7 @@
 use retina_diagnosis::{Dataset, Proof, fit_json, fit_text};
 use serde_json::{Value, json};
 
-use crate::investigate::{Investigation, Rival, Term};
+use crate::outcome::{Investigation, Rival, Term};
 use crate::words::short;
 
 /// What was found, in a word: `found` or `nothing`.
@@ -57,6 +57,11 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
         out.extend(formula_lines(&term.effect).into_iter().map(|line| format!("    {line}")));
         out.push(format!("  proof on the other half of the groups: {}", proof_text(&term.proof)));
         out.extend(term.words.says.iter().map(|sentence| format!("  {sentence}")));
+        if let Some(stronger) = &term.weak_beside {
+            out.push(format!(
+                "  It is weak beside {stronger}: it may be only what the laws of that formula lack, and its columns are not sure."
+            ));
+        }
         if !term.words.independent_of.is_empty() {
             out.push(format!("  It does not need {}.", term.words.independent_of.join(", ")));
         }
@@ -116,6 +121,7 @@ fn proof_json(proof: &Proof) -> Value {
 fn term_json(term: &Term) -> Value {
     json!({
         "name": term.name,
+        "weak_beside": term.weak_beside,
         "effect_toml": term.effect,
         "covariates": term.covariates,
         "proof": proof_json(&term.proof),

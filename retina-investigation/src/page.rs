@@ -3,7 +3,7 @@
 use retina_diagnosis::{AddedEffect, Dataset, fit_page, followed_svg};
 use retina_report::{Page, Section};
 
-use crate::investigate::{Investigation, Term};
+use crate::outcome::{Investigation, Term};
 use crate::output::{headline, investigation_text};
 
 /// A page that opens offline: each formula drawn on the data, then the fit.

@@ -26,6 +26,10 @@ const MOST_AMPLITUDES: usize = 8;
 const HALVINGS: usize = 6;
 /// Turns of a refinement at most.
 const TURNS: usize = 60;
+/// Parts of a column in which a direction has amplitudes of its own.
+const BINS: usize = 6;
+/// Directions with a column that changes them whose laws are tried.
+const MODULATED: usize = 6;
 /// Forms that are scored at a time, so that their columns stay in memory.
 const BATCH: usize = 64;
 
@@ -64,7 +68,8 @@ impl Search<'_> {
         let mut forms = self.first();
         for generation in 0..=GENERATIONS {
             (self.progress)("searching", generation as f64 / (GENERATIONS + 1) as f64);
-            let left = halves.search(&weights);
+            let unrejected = if generation == 0 { halves.search_unrejected() } else { None };
+            let left = unrejected.unwrap_or_else(|| halves.search(&weights));
             // What was scored under other weights is scored again.
             let before: Vec<Form> = best.drain().map(|(_, scored)| scored.form).collect();
             forms.retain(|form| seen.insert(format!("{form:?}")));
@@ -83,12 +88,20 @@ impl Search<'_> {
                 .filter(|scored| grown.insert(scored.form.family()))
                 .flat_map(|scored| self.neighbours(&scored.form))
                 .collect();
+            if generation == 0 {
+                forms.extend(self.modulated(&left));
+            }
             if forms.is_empty() {
                 break;
             }
         }
         let left = halves.search(&weights);
-        let all: Vec<Form> = leading(&best, REFINED).into_iter().map(|scored| scored.form).collect();
+        let mut all: Vec<Form> = leading(&best, REFINED).into_iter().map(|scored| scored.form).collect();
+        for simpler in all.first().map_or_else(Vec::new, without_one_law) {
+            if self.possible(&simpler) && !all.iter().any(|form| form.family() == simpler.family()) {
+                all.push(simpler);
+            }
+        }
         let again = self.scored(&left, all);
         let mut scored = self.refined(&left, again);
         sort(&mut scored);
@@ -151,6 +164,62 @@ impl Search<'_> {
         Some(Form { direction, place: Vec::new(), factors: vec![factor(a)?, factor(b)?] })
     }
 
+    /// Laws of columns times those confined or wavy directions whose amplitude changes most with the column, whatever the
+    /// law: a wave that swings about zero shows in no form without a law.
+    fn modulated(&self, left: &Remainder<'_>) -> Vec<Form> {
+        if self.kind != TableKind::Points {
+            return Vec::new();
+        }
+        let bins: Vec<Vec<usize>> = (0..self.columns.len()).map(|column| self.bins(column)).collect();
+        let charge = left.components().ln();
+        let mut all: Vec<(f64, usize, Form)> = Direction::SHAPED
+            .into_iter()
+            .flat_map(|direction| self.without_laws(direction))
+            .collect::<Vec<_>>()
+            .into_par_iter()
+            .flat_map_iter(|form| {
+                let columns: Vec<Vec<Vec<f64>>> = bins.iter().map(|bins| self.binned(&form, bins)).collect();
+                let scores = left.scores(&columns);
+                scores
+                    .into_iter()
+                    .enumerate()
+                    .map(|(column, score)| {
+                        (score.statistic - charge * score.rank as f64, column, form.clone())
+                    })
+                    .collect::<Vec<_>>()
+            })
+            .collect();
+        self.tried.fetch_add(all.len(), Ordering::Relaxed);
+        all.retain(|(merit, ..)| *merit > 0.0);
+        all.sort_by(|a, b| b.0.total_cmp(&a.0));
+        all.truncate(MODULATED);
+        let of = |(_, column, form): (f64, usize, Form)| {
+            self.factors_of(column)
+                .into_iter()
+                .map(move |factor| Form { factors: vec![factor], ..form.clone() })
+        };
+        all.into_iter().flat_map(of).filter(|form| self.possible(form)).collect()
+    }
+
+    /// For each row the part of a column's sorted values that it is in.
+    fn bins(&self, column: usize) -> Vec<usize> {
+        let values = self.table.column(column);
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let limits: Vec<f64> = (1..BINS).map(|k| sorted[k * sorted.len() / BINS]).collect();
+        values.iter().map(|value| limits.partition_point(|limit| limit <= value)).collect()
+    }
+
+    /// A form's columns, one for each part of the rows.
+    fn binned(&self, form: &Form, bins: &[usize]) -> Vec<Vec<f64>> {
+        let whole = form.evaluate(self.table, self.columns);
+        let n = self.table.components;
+        let part = |column: &[f64], bin: usize| -> Vec<f64> {
+            column.iter().enumerate().map(|(k, v)| if bins[k / n] == bin { *v } else { 0.0 }).collect()
+        };
+        (0..BINS).flat_map(|bin| whole.iter().map(move |column| part(column, bin))).collect()
+    }
+
     /// Forms that differ in the direction, in a law, by a law more or by one less.
     fn neighbours(&self, form: &Form) -> Vec<Form> {
         let mut out = Vec::new();
@@ -172,10 +241,8 @@ impl Search<'_> {
                 other.factors[k] = factor;
                 out.push(other);
             }
-            let mut less = form.clone();
-            less.factors.remove(k);
-            out.push(less);
         }
+        out.extend(without_one_law(form));
         if form.factors.len() < MOST_LAWS {
             for factor in self.factors() {
                 let mut more = form.clone();
@@ -281,6 +348,16 @@ impl Search<'_> {
     }
 }
 
+/// A form with one law less, each of its laws in turn.
+fn without_one_law(form: &Form) -> Vec<Form> {
+    let less = |k| {
+        let mut less = form.clone();
+        less.factors.remove(k);
+        less
+    };
+    (0..form.factors.len()).map(less).collect()
+}
+
 /// Columns without what is no number: a form that has one explains nothing.
 pub(crate) fn finite(mut columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     for column in &mut columns {
@@ -313,8 +390,12 @@ fn leading(best: &HashMap<Family, Scored>, count: usize) -> Vec<Scored> {
     all
 }
 
+/// Part of a formula's rms below which something more is as likely what its laws lack: no form is known to be better.
+pub(crate) const WEAK: f64 = 0.15;
+
 /// The simplest form whose error on units left out is within a standard error of that of the first (L. Breiman et al.,
-/// Classification and Regression Trees, 1984, sec. 3.4.3), which has the most merit; with all those errors.
+/// Classification and Regression Trees, 1984, sec. 3.4.3), which has the most merit; with all those errors. A form with
+/// fewer laws is also taken where all else is weak.
 pub(crate) fn simplest(
     left: &Remainder<'_>,
     search: &Search<'_>,
@@ -325,8 +406,14 @@ pub(crate) fn simplest(
         .map(|scored| left.left_out(&finite(scored.form.evaluate(search.table, search.columns))))
         .collect();
     let first = errors.first()?;
+    let before = left.left_out(&[]).total();
+    let nearly = |k: usize| {
+        let explained = |errors: &LeftOut| before - errors.total();
+        found[k].form.factors.len() < found[0].form.factors.len()
+            && explained(&errors[k]) >= (1.0 - WEAK * WEAK) * explained(first)
+    };
     let simplest = (0..errors.len())
-        .filter(|&k| errors[k].beaten_by(first) <= 1.0)
+        .filter(|&k| errors[k].beaten_by(first) <= 1.0 || nearly(k))
         .min_by_key(|&k| (found[k].form.complexity(), k))?;
     Some((simplest, errors))
 }
