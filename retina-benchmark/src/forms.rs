@@ -3,6 +3,8 @@
 
 use glam::DVec2;
 
+use crate::formulas::Formula;
+
 /// Tangent of half the camera's width of view, 8.05 deg.
 pub(crate) const HALF: f64 = 0.141_312;
 /// Radial distortion of the facility's lens, on tangents.
@@ -43,6 +45,8 @@ pub(crate) struct Nature {
     pub(crate) shape: f64,
     /// Time of a step as a share of the campaign, 0.2 to 0.8.
     pub(crate) step: f64,
+    /// Of the formula, where the effect is one.
+    pub(crate) seed: u64,
 }
 
 /// Effects on points that the catalogue knows.
@@ -80,6 +84,9 @@ pub(crate) const OUTSIDE: [(&str, &[&str]); 7] = [
     ("humidity_shift", &["humidity"]),
     ("load_scale", &["row_load"]),
 ];
+
+/// The effect that is a formula of its own in each set.
+pub(crate) const FORMULA: &str = "formula";
 
 /// Whether it needs points of several colours.
 pub(crate) fn needs_colours(id: &str) -> bool {
@@ -176,6 +183,7 @@ pub(crate) fn seen(id: &str, nature: &Nature, a: f64, p: &Point) -> DVec2 {
         "anamorphic_with_temperature" => r + DVec2::new(u.x, -u.y) * a * (p.temperature_c - 20.0) / 2.0,
         "humidity_shift" => r + along * a * (p.humidity - 50.0) / 20.0,
         "load_scale" => r + u * a * (p.row_load - 0.5),
+        FORMULA => r + Formula::of(nature.seed).value(p) * a,
         // An id is written in this file alone.
         _ => r,
     }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use retina_files::{InputError, write_atomic};
 use serde::{Deserialize, Serialize};
 
-use crate::plan::{Kind, Plan, plan};
+use crate::plan::{Kind, Plan, formula_plan, plan};
 use crate::points::{Campaign, Chamber, nature};
 use crate::readings;
 
@@ -53,8 +53,9 @@ fn truth(plans: &[Plan]) -> Result<String, InputError> {
 pub fn generate(folder: &Path, seed: u64, sets: usize, kind: Option<&str>) -> Result<String, InputError> {
     let sealed = folder.join("sealed");
     std::fs::create_dir_all(&sealed).map_err(|error| io(&sealed, &error))?;
+    let of = if kind == Some(Kind::Formula.name()) { formula_plan } else { plan };
     let plans: Vec<Plan> = (0..sets)
-        .map(|set| plan(seed, set))
+        .map(|set| of(seed, set))
         .filter(|plan| kind.is_none_or(|kind| kind == plan.kind.name()))
         .collect();
     let truth = truth(&plans)?;
@@ -98,6 +99,16 @@ fn one(folder: &Path, plan: &Plan) -> Result<Derived, InputError> {
             (0..made.fields[0].len()).map(|at| made.fields.iter().map(|f| f[at]).sum()).collect();
         let path = folder.join("sealed").join(format!("{:05}.f32", plan.set));
         write(&path, &to_bytes(&sum))?;
+    }
+    if plan.kind == Kind::Formula {
+        // The same facility on another day: exposures that nobody has seen, without noise.
+        let fresh = Campaign { seed: seed.wrapping_add(1), jitter: 0.0, outliers: 0.0, ..plan.campaign };
+        let amplitudes = (!made.amplitudes.is_empty()).then_some(made.amplitudes.as_slice());
+        let fresh = fresh.make(&plan.hidden, &natures, amplitudes);
+        write(&own.join("fresh.csv"), fresh.text.as_bytes())?;
+        if let Some(field) = fresh.fields.first() {
+            write(&folder.join("sealed").join(format!("{:05}-fresh.f32", plan.set)), &to_bytes(field))?;
+        }
     }
     if plan.kind == Kind::Confounded {
         for (k, action) in FOLLOW_UPS.into_iter().enumerate() {

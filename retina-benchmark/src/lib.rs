@@ -5,7 +5,9 @@
 
 mod algebra;
 mod forms;
+mod formulas;
 mod generate;
+mod investigated;
 mod plan;
 mod points;
 mod readings;
@@ -14,6 +16,7 @@ mod score;
 mod templates;
 
 pub use generate::generate;
+pub use investigated::{investigate_sets, score_investigated};
 pub use points::campaign_table;
 pub use run::run;
 pub use score::{Outcome, Target, score};

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Parser;
-use retina_benchmark::{generate, run, score};
+use retina_benchmark::{generate, investigate_sets, run, score, score_investigated};
 use retina_files::InputError;
 
 /// The workbench's benchmark: tables with hidden effects, the workbench's answers, and how often they are right.
@@ -21,7 +21,10 @@ struct Arguments {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Makes sets of this kind alone.
-    #[arg(long, value_parser = ["null", "single", "outside", "pair", "confounded", "power", "phase"])]
+    ///
+    /// `formula` makes other sets, with hidden formulas and without, on which `investigate` is asked
+    /// and not `diagnose`.
+    #[arg(long, value_parser = ["null", "single", "outside", "pair", "confounded", "power", "phase", "formula"])]
     kind: Option<String>,
     /// The facility.
     #[arg(long, default_value = "assets/setups/wide-fov.toml")]
@@ -58,14 +61,22 @@ fn all(arguments: &Arguments) -> Result<(), InputError> {
         let hash = generate(&arguments.dir, arguments.seed, arguments.sets, arguments.kind.as_deref())?;
         eprintln!("{} sets of seed {}, truth {hash}", arguments.sets, arguments.seed);
     }
+    let progress = |done, total, left_s: f64| {
+        eprintln!("{done} of {total} sets, {:.0} min {:02.0} s left", (left_s / 60.0).floor(), left_s % 60.0);
+    };
+    if arguments.kind.as_deref() == Some("formula") {
+        if does(Part::Run) {
+            investigate_sets(&arguments.dir, &arguments.setup, progress)?;
+        }
+        if does(Part::Score) {
+            let (_, markdown) = score_investigated(&arguments.dir)?;
+            store(&arguments.dir.join("results.md"), &markdown)?;
+            println!("{markdown}");
+        }
+        return Ok(());
+    }
     if does(Part::Run) {
-        run(&arguments.dir, &arguments.setup, |done, total, left_s| {
-            eprintln!(
-                "{done} of {total} sets, {:.0} min {:02.0} s left",
-                (left_s / 60.0).floor(),
-                left_s % 60.0
-            );
-        })?;
+        run(&arguments.dir, &arguments.setup, progress)?;
     }
     if does(Part::Score) {
         let outcome = score(&arguments.dir)?;

@@ -4,8 +4,9 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::forms::{KNOWN, OUTSIDE, needs_colours};
-use crate::points::{Campaign, Chamber, Hidden};
+use crate::forms::{FORMULA, KNOWN, OUTSIDE, needs_colours};
+use crate::formulas::Formula;
+use crate::points::{Campaign, Chamber, Hidden, nature};
 use crate::readings::{PHASE, POWER};
 
 /// What a set tries.
@@ -26,12 +27,14 @@ pub(crate) enum Kind {
     Power,
     /// A phase curve.
     Phase,
+    /// A formula that nobody knows; half of the sets have none.
+    Formula,
 }
 
 impl Kind {
     /// Its name.
     pub(crate) fn name(self) -> &'static str {
-        ["null", "single", "outside", "pair", "confounded", "power", "phase"][self as usize]
+        ["null", "single", "outside", "pair", "confounded", "power", "phase", "formula"][self as usize]
     }
 }
 
@@ -73,6 +76,51 @@ pub(crate) fn class_of(id: &str) -> Vec<&str> {
     CLASSES.iter().find(|class| class.contains(&id)).map_or_else(|| vec![id], |class| class.to_vec())
 }
 
+/// Strengths of formulas.
+const FORMULA_STRENGTHS: [f64; 4] = [1.0, 3.0, 10.0, 0.3];
+
+/// The plan of a set of formulas: every second has one, the others a known effect, honest noise or nothing at all.
+pub(crate) fn formula_plan(seed: u64, set: usize) -> Plan {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(1_000_000 + set as u64);
+    let mut campaign = Campaign {
+        rows: 2000,
+        exposures: 40,
+        jitter: (random.random_range(0..31) as f64) / 100.0,
+        outliers: (random.random_range(0..9) as f64) / 100.0,
+        colours: false,
+        chamber: Chamber::Hunting,
+        roll_deg: 0.0,
+        seed: random.random(),
+        wander: 0.0,
+    };
+    let number = set / 2;
+    let one = |id: &str, strength: f64| Hidden { id: id.to_owned(), strength };
+    let (mut hidden, mut covariates) = (Vec::new(), Vec::new());
+    if set.is_multiple_of(2) {
+        covariates = Formula::of(nature(campaign.seed, 0).seed).columns();
+        hidden.push(one(FORMULA, FORMULA_STRENGTHS[number % FORMULA_STRENGTHS.len()]));
+    } else {
+        match number % 3 {
+            0 => {}
+            1 => {
+                campaign.jitter = 0.5 + 0.5 * (random.random_range(0..101) as f64) / 100.0;
+                campaign.wander = 0.3 + 0.5 * (random.random_range(0..101) as f64) / 100.0;
+            }
+            _ => {
+                let id = KNOWN[number / 3 % KNOWN.len()];
+                campaign.colours = needs_colours(id);
+                let strength = STRENGTHS[number / 3 % STRENGTHS.len()];
+                hidden.push(one(
+                    id,
+                    if id.ends_with("_pixel_phase") { strength.min(LARGEST_PHASE) } else { strength },
+                ));
+            }
+        }
+    }
+    Plan { set, kind: Kind::Formula, hidden, covariates, campaign }
+}
+
 /// The plan of a set.
 pub(crate) fn plan(seed: u64, set: usize) -> Plan {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -104,6 +152,7 @@ pub(crate) fn plan(seed: u64, set: usize) -> Plan {
         chamber: Chamber::Hunting,
         roll_deg: 0.0,
         seed: random.random(),
+        wander: 0.0,
     };
     let mut covariates = Vec::new();
     let one = |id: &str, strength: f64| Hidden {
@@ -147,6 +196,7 @@ pub(crate) fn plan(seed: u64, set: usize) -> Plan {
             k if k < PHASE.len() => vec![one(PHASE[k], [1.0, 3.0, 0.3][number / (PHASE.len() + 2) % 3])],
             _ => Vec::new(),
         },
+        Kind::Formula => return formula_plan(seed, set),
     };
     campaign.colours |= hidden.iter().any(|h| needs_colours(&h.id));
     Plan { set, kind, hidden, covariates, campaign }

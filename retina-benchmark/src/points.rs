@@ -44,6 +44,15 @@ pub(crate) struct Campaign {
     pub(crate) chamber: Chamber,
     pub(crate) roll_deg: f64,
     pub(crate) seed: u64,
+    /// Correlation of an exposure's shift with that of the one before.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub(crate) wander: f64,
+}
+
+/// Plans without a wandering mount read as they always did, and so does the hash of their truth.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for a reference")]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// A hidden effect with its size: rms per axis over the noise, after the baseline.
@@ -79,6 +88,7 @@ pub(crate) fn nature(seed: u64, stream: u64) -> Nature {
         along: DVec2::from_angle(random.random_range(0.0..std::f64::consts::TAU)),
         shape: random.random_range(0.0..1.0),
         step: random.random_range(0.2..0.8),
+        seed: random.random(),
     }
 }
 
@@ -179,7 +189,9 @@ impl Campaign {
         let mut wild = vec![DVec2::ZERO; points.len()];
         for (row, (exposure, _)) in points.iter().enumerate() {
             if *exposure != last {
-                shift = DVec2::new(normal(&mut random), normal(&mut random)) * self.jitter * NOISE_ARCSEC;
+                let new = DVec2::new(normal(&mut random), normal(&mut random)) * self.jitter * NOISE_ARCSEC;
+                let kept = if last == usize::MAX { 0.0 } else { self.wander };
+                shift = shift * kept + new * (1.0 - kept * kept).sqrt();
                 last = *exposure;
             }
             let own = DVec2::new(normal(&mut random), normal(&mut random)) * sigma[row];
@@ -323,6 +335,7 @@ pub fn campaign_table(rows: usize, exposures: usize, effect: Option<&str>, seed:
         chamber: Chamber::Hunting,
         roll_deg: 0.0,
         seed,
+        wander: 0.0,
     };
     let hidden: Vec<Hidden> =
         effect.iter().map(|id| Hidden { id: (*id).to_owned(), strength: 3.0 }).collect();

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 use retina_diagnosis::{
-    AddedEffect, Baseline, Dataset, DiagnoseOptions, Diagnosis, Source, diagnose, fit, write_predictions,
+    AddedEffect, Baseline, Dataset, DiagnoseOptions, Diagnosis, Fit, Source, diagnose, fit, write_predictions,
 };
 use retina_files::InputError;
 use retina_formats::{Measurements, TableKind};
@@ -114,7 +114,7 @@ fn line(set: &Finished) -> Result<String, InputError> {
         .map_err(|error| InputError::new("results", error.to_string()))
 }
 
-fn read(setup: &Setup, files: &[PathBuf]) -> Result<Dataset, InputError> {
+pub(crate) fn read(setup: &Setup, files: &[PathBuf]) -> Result<Dataset, InputError> {
     let tables = Measurements::read(files)?;
     let baseline = Baseline::Physical;
     Dataset::new(&Source { tables: &tables, setup, calibration: None, response: None, baseline })
@@ -128,7 +128,9 @@ fn one(folder: &Path, setup: &Setup, set: usize) -> Result<Finished, InputError>
     let found = diagnose(&data, &[], &DiagnoseOptions::default());
     let seconds = start.elapsed().as_secs_f64();
     if data.kind == TableKind::Points && !found.accepted.is_empty() {
-        predict(folder, set, &data, &found)?;
+        let added =
+            found.accepted.iter().map(|id| AddedEffect::read(id, &data)).collect::<Result<Vec<_>, _>>()?;
+        predict(folder, set, &data, &fit(&data, &added)?)?;
     }
     let mut follow_up = None;
     if let Some(next) = &found.next {
@@ -142,13 +144,11 @@ fn one(folder: &Path, setup: &Setup, set: usize) -> Result<Finished, InputError>
 }
 
 /// The fitted effects' field, camera px, beside the sealed one.
-fn predict(folder: &Path, set: usize, data: &Dataset, found: &Diagnosis) -> Result<(), InputError> {
-    let added = found.accepted.iter().map(|id| AddedEffect::read(id, data)).collect::<Result<Vec<_>, _>>()?;
-    let fitted = fit(data, &added)?;
+pub(crate) fn predict(folder: &Path, set: usize, data: &Dataset, fitted: &Fit) -> Result<(), InputError> {
     let predicted = folder.join("predicted");
     std::fs::create_dir_all(&predicted).map_err(|error| io(&predicted, &error))?;
     let path = predicted.join(format!("{set:05}.csv"));
-    write_predictions(&path, data, &fitted)?;
+    write_predictions(&path, data, fitted)?;
     let text = std::fs::read_to_string(&path).map_err(|error| io(&path, &error))?;
     let values: Vec<f64> = text
         .lines()

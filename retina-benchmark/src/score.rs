@@ -15,7 +15,7 @@ use crate::points::baseline_of_table;
 use crate::run::{Finished, Said, finished};
 
 /// An effect weaker than this many sigmas to who knows its form cannot be found among all candidates.
-const FINDABLE_SIGMA: f64 = 4.0;
+pub(crate) const FINDABLE_SIGMA: f64 = 4.0;
 
 /// A target with what was found.
 #[derive(Debug, Clone)]
@@ -53,7 +53,7 @@ impl Target {
     }
 
     /// Upper 95 % bound of the share (E. B. Wilson, JASA 22, 1927).
-    fn upper(&self) -> f64 {
+    pub(crate) fn upper(&self) -> f64 {
         let (n, z) = (self.of.max(1) as f64, 1.645);
         let p = self.share();
         let centre = p + z * z / (2.0 * n);
@@ -105,7 +105,7 @@ impl Set {
     }
 }
 
-fn lines<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Vec<T>, InputError> {
+pub(crate) fn lines<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Vec<T>, InputError> {
     let text = std::fs::read_to_string(path)
         .map_err(|error| InputError::new(path, format!("cannot be read: {error}")))?;
     text.lines()
@@ -121,13 +121,13 @@ fn lines<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Vec<T>, InputErr
 }
 
 /// Numbers of a single-precision file.
-fn numbers(path: &Path) -> Option<Vec<f64>> {
+pub(crate) fn numbers(path: &Path) -> Option<Vec<f64>> {
     let bytes = std::fs::read(path).ok()?;
     Some(bytes.chunks_exact(4).map(|b| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]]))).collect())
 }
 
 /// Predicted minus true field beside the baseline, over the true one's rms.
-fn field_error(folder: &Path, set: usize) -> Option<f64> {
+pub(crate) fn field_error(folder: &Path, set: usize) -> Option<f64> {
     let truth = numbers(&folder.join("sealed").join(format!("{set:05}.f32")))?;
     let px = numbers(&folder.join("predicted").join(format!("{set:05}.f32")))?;
     let table =
@@ -398,6 +398,8 @@ fn markdown(sets: &[Set], targets: &[Target]) -> String {
             }
             Kind::Power | Kind::Phase if s.plan.hidden.is_empty() => !s.detected(),
             Kind::Power | Kind::Phase => s.said().accepted == [s.id()],
+            // Those are scored by themselves.
+            Kind::Formula => true,
         };
         if !fine {
             let hidden: Vec<String> =

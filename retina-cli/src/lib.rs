@@ -42,6 +42,8 @@ enum Command {
     Compare(command::compare::Arguments),
     /// Finds the physical effect that the model lacks, and says what to measure next.
     Diagnose(command::diagnose::Arguments),
+    /// Finds a formula for what no known effect explains, and proves it on data it has not seen.
+    Investigate(command::investigate::Arguments),
     /// Fits effects together with the baseline model.
     Fit(command::fit::Arguments),
     /// Imports calibrations of other programs as measurements.
@@ -90,6 +92,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Calibrate(command) => command::calibrate::run(command),
         Command::Compare(arguments) => command::compare::run(&arguments),
         Command::Diagnose(arguments) => command::diagnose::run(&arguments),
+        Command::Investigate(arguments) => command::investigate::run(&arguments),
         Command::Fit(arguments) => command::fit::run(&arguments),
         Command::Import(command) => command::import::run(&command),
         Command::Effects(arguments) => command::effects::run(&arguments),

@@ -54,12 +54,12 @@ impl AddedEffect {
             .help(format!("{}`retina effects` lists them", near.unwrap_or_default())))
     }
 
-    /// From the text of a file with formulas, before it is one; the path names it in errors.
+    /// From the text of an effect's file; `name` stands for the file in errors.
     ///
     /// # Errors
     /// The text does not fit the table.
-    pub fn parse(path: &Path, text: &str, data: &Dataset) -> Result<Self, InputError> {
-        Ok(Self::Own(Arc::new(EffectOfFile::parse(path, text, data)?)))
+    pub fn of_text(name: &str, text: &str, data: &Dataset) -> Result<Self, InputError> {
+        Ok(Self::Own(Arc::new(EffectOfFile::parse(Path::new(name), text, data)?)))
     }
 
     /// Its id, where it is catalogued.

@@ -54,7 +54,7 @@ impl EffectOfFile {
         Self::parse(path, &read_text(path)?, data)
     }
 
-    /// The same from a file's text; the path names it in errors.
+    /// From a file's text; the path names it in errors.
     ///
     /// # Errors
     /// As [`Self::read`].

@@ -8,6 +8,7 @@ use crate::added::{AddedEffect, Adjusted, adjusted};
 use crate::data::Dataset;
 use crate::estimate::{Parameter, estimate};
 use crate::noise::robust_fit;
+use crate::own::evaluate;
 use crate::scatter::{Noise, noise};
 use crate::score::Frame;
 use crate::step::Step;
@@ -140,4 +141,22 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
         residual,
         outlier: robust.weights.outlier,
     })
+}
+
+impl Fit {
+    /// What the users' effects of the fit's `model` add to the rows of other data, all components, in the table's unit.
+    pub fn own_effects_on(&self, model: &[AddedEffect], data: &Dataset) -> Vec<f64> {
+        let mut out = vec![0.0; data.y.len()];
+        for effect in model {
+            let AddedEffect::Own(user) = effect else { continue };
+            let value = |name: &str| {
+                let name = format!("{}.{name}", user.name());
+                self.parameters.iter().find(|p| p.name == name).map_or(0.0, |p| p.value)
+            };
+            let parameters: Vec<f64> = user.parameters().iter().map(|p| value(&p.name)).collect();
+            let (values, _) = evaluate(user.as_ref(), data, &parameters);
+            out.iter_mut().zip(&values).for_each(|(sum, v)| *sum += v);
+        }
+        out
+    }
 }

@@ -4,6 +4,10 @@ use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
 use crate::verdict::Verdict;
 
+/// What to do with an unknown effect.
+pub(crate) const INVESTIGATE: &str =
+    "look for a formula of what is left: retina investigate with the same tables";
+
 /// Amplitudes of ripples are told at the first wavelength from this on, px of the screen, and px of the image.
 const WAVELENGTH_PX: f64 = 200.0;
 const WAVELENGTH_OF_IMAGES_PX: f64 = 16.0;

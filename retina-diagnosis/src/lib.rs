@@ -30,6 +30,7 @@ mod noise;
 mod output;
 mod own;
 mod pairs;
+mod parts;
 mod physical;
 mod pixel_noise;
 mod report;
@@ -58,16 +59,19 @@ pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, diagnose,
 pub use estimate::{Implausible, Parameter, implausible};
 pub use figure::{axis_label, figure_svg, write_figure};
 pub use fit::{Fit, fit};
+pub use formula::unit_of_column;
 pub use headline::headline;
 pub use json::{compare_json, diagnose_json, effects_json, fit_json};
 pub use model_file::write_model;
 pub use next::NextMeasurement;
 pub use output::{compare_text, diagnose_text, effects_text, fit_text, predictions_text, write_predictions};
 pub use own::{OwnEffect, OwnParameter, difference_step};
+pub use parts::{FormScore, Halves, LeftOut, Proof, Remainder, TooFew};
 pub use physical::Physical;
 pub use pixel_noise::{Neighbours, White, white_noise};
 pub use report::{
-    Shape, compare_page, diagnose_page, effects_page, fit_page, signature_svgs, unexplained_shapes,
+    Shape, compare_page, diagnose_page, effects_page, fit_page, followed_svg, signature_svgs,
+    unexplained_shapes,
 };
 pub use scatter::Noise;
 pub use step::Step;

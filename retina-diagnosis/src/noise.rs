@@ -41,6 +41,17 @@ pub(crate) struct RobustFit {
 }
 
 impl Weights {
+    /// The same standard deviation for all rows, no common errors, no outliers.
+    pub(crate) fn equal(rows: usize, sigma: f64) -> Self {
+        Self {
+            weight: vec![sigma.powi(-2); rows],
+            sigma: vec![sigma; rows],
+            jitter_variance: 0.0,
+            outlier: vec![false; rows],
+            field_size: 0.0,
+        }
+    }
+
     /// V^(-1/2) of a column, followed by the 0 that it is to each part of the calibration's error.
     pub(crate) fn whitened(&self, data: &Dataset, column: &[f64]) -> Vec<f64> {
         let mut out = Vec::with_capacity(column.len() + data.field_len());
@@ -69,15 +80,20 @@ impl Weights {
     /// V^(-1/2) of a column in place: root weights, and each group's common part weighed down by
     /// 1 - (1 + variance * sum of weights)^(-1/2).
     pub(crate) fn whiten(&self, data: &Dataset, column: &mut [f64]) {
-        match data.kind.components() {
-            1 => self.whiten_rows::<1>(data, column),
-            _ => self.whiten_rows::<2>(data, column),
-        }
+        self.whiten_rows_of(data, column);
         let rho = data.wander;
         self.levels(data, column, false, |level, before| (level - rho * before) / (1.0 - rho * rho).sqrt());
     }
 
-    /// The same before groups follow each other: most of a diagnosis's time goes by here.
+    /// The same before groups follow each other.
+    pub(crate) fn whiten_rows_of(&self, data: &Dataset, column: &mut [f64]) {
+        match data.kind.components() {
+            1 => self.whiten_rows::<1>(data, column),
+            _ => self.whiten_rows::<2>(data, column),
+        }
+    }
+
+    /// Most of a diagnosis's time goes by here.
     fn whiten_rows<const N: usize>(&self, data: &Dataset, column: &mut [f64]) {
         for group in &data.groups {
             let weights = &self.weight[group.rows.clone()];
@@ -206,13 +222,7 @@ impl Weights {
 pub(crate) fn robust_fit(data: &Dataset, columns: &[Vec<f64>]) -> RobustFit {
     let n = data.kind.components();
     let rows = data.len();
-    let mut weights = Weights {
-        weight: vec![1.0; rows],
-        sigma: vec![1.0; rows],
-        jitter_variance: 0.0,
-        outlier: vec![false; rows],
-        field_size: 0.0,
-    };
+    let mut weights = Weights::equal(rows, 1.0);
     let steady = steady_columns(data, columns);
     let mut residual = data.y.clone();
     for round in 0..ROUNDS {

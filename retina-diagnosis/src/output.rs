@@ -13,10 +13,10 @@ use crate::decode::Decoded;
 use crate::diagnose::Diagnosis;
 use crate::estimate::{Implausible, Parameter};
 use crate::fit::Fit;
-use crate::headline::headline;
+use crate::headline::{INVESTIGATE, headline};
 use crate::scatter::Noise;
 use crate::step::Step;
-use crate::verdict::too_many_outliers;
+use crate::verdict::{Verdict, too_many_outliers};
 
 /// What has to be said before all else.
 pub(crate) fn warnings(data: &Dataset, outliers: usize) -> Vec<String> {
@@ -204,6 +204,9 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
                 p.remedy
             ));
         }
+    }
+    if result.verdict == Verdict::Unknown {
+        out.push(INVESTIGATE.to_owned());
     }
     out.splice(0..0, warning_lines(data, result.outliers));
     out.extend(ladder_text(&result.steps, &result.noise, unit));

@@ -316,7 +316,7 @@ impl Session {
     /// A formula as it is typed: its name, if it fits the table.
     pub(crate) fn check_formula(&self, text: &str) -> Result<String, Refusal> {
         let material = self.material()?;
-        let effect = AddedEffect::parse(Path::new("formula"), text, &material.data)?;
+        let effect = AddedEffect::of_text("formula", text, &material.data)?;
         let name = effect.name().to_owned();
         let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
         if name.is_empty() || name.len() > 40 || !name.chars().all(plain) {

@@ -29,7 +29,8 @@
 //! how bright: `examples/calibrate.rs`.
 //!
 //! **The workbench** ([`diagnosis`], [`frames`]) compares a model with measurements and names the physical effect that
-//! is missing: `examples/diagnose.rs`. [`workbench`] reads what they work on. Calibrations of mrcal and OpenCV become its tables ([`import`]).
+//! is missing: `examples/diagnose.rs`. [`workbench`] reads what they work on. [`investigation`] looks for a formula where
+//! no known effect fits. Calibrations of mrcal and OpenCV become its tables ([`import`]).
 //!
 //! **Navigation** ([`navigation`]) finds attitude and position in the camera's images: `examples/detect_and_solve.rs`.
 //! [`experiments`] repeats the paper's experiments end to end.
@@ -60,6 +61,7 @@ pub use retina_frames as frames;
 pub use retina_geometry as geometry;
 pub use retina_image as image;
 pub use retina_import as import;
+pub use retina_investigation as investigation;
 pub use retina_model as model;
 pub use retina_navigation as navigation;
 pub use retina_optics as optics;

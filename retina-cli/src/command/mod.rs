@@ -9,6 +9,7 @@ pub(crate) mod diagnose;
 pub(crate) mod effects;
 pub(crate) mod fit;
 pub(crate) mod import;
+pub(crate) mod investigate;
 pub(crate) mod navigate;
 pub(crate) mod optics;
 pub(crate) mod pattern;

@@ -183,45 +183,53 @@ impl Dataset {
         if stride < 2 || self.groups.len() < 2 * stride || self.pixels.is_some() {
             return None;
         }
-        let n = self.kind.components();
-        let (mut groups, mut rows) = (Vec::new(), Vec::new());
-        for group in self.groups.iter().step_by(stride) {
-            let start = rows.len();
-            rows.extend(group.rows.clone());
-            groups.push(Group { name: group.name.clone(), rows: start..rows.len() });
-        }
-        fn of<T: Copy>(rows: &[usize], values: &[T]) -> Vec<T> {
-            rows.iter().map(|&row| values[row]).collect()
-        }
-        let mut notes = self.notes.clone();
-        notes.push(format!(
+        let rows: Vec<usize> = self.groups.iter().step_by(stride).flat_map(|g| g.rows.clone()).collect();
+        let mut out = self.of_rows(&rows);
+        out.notes.push(format!(
             "{} of {} rows were looked at, in every {stride}-th group",
             rows.len(),
             self.len()
         ));
-        Some(Self {
+        Some(out)
+    }
+
+    /// Some of the rows, in their order. Groups of which none is left are gone. Not for pixels.
+    pub(crate) fn of_rows(&self, rows: &[usize]) -> Self {
+        let n = self.kind.components();
+        let mut groups: Vec<Group> = Vec::new();
+        for group in &self.groups {
+            let start = rows.partition_point(|row| *row < group.rows.start);
+            let end = rows.partition_point(|row| *row < group.rows.end);
+            if end > start {
+                groups.push(Group { name: group.name.clone(), rows: start..end });
+            }
+        }
+        fn of<T: Copy>(rows: &[usize], values: &[T]) -> Vec<T> {
+            rows.iter().map(|&row| values[row]).collect()
+        }
+        Self {
             y: rows.iter().flat_map(|&row| self.y[row * n..(row + 1) * n].iter().copied()).collect(),
             groups,
-            order: of(&rows, &self.order),
+            order: of(rows, &self.order),
             covariates: self
                 .covariates
                 .iter()
-                .map(|c| Covariate { name: c.name.clone(), values: of(&rows, &c.values) })
+                .map(|c| Covariate { name: c.name.clone(), values: of(rows, &c.values) })
                 .collect(),
-            noise_key: of(&rows, &self.noise_key),
-            stated: self.stated.as_ref().map(|stated| of(&rows, stated)),
-            channel: of(&rows, &self.channel),
-            mounting: of(&rows, &self.mounting),
-            frame: of(&rows, &self.frame),
+            noise_key: of(rows, &self.noise_key),
+            stated: self.stated.as_ref().map(|stated| of(rows, stated)),
+            channel: of(rows, &self.channel),
+            mounting: of(rows, &self.mounting),
+            frame: of(rows, &self.frame),
             roll_rad: self.roll_rad.clone(),
             files: self.files.clone(),
-            notes,
-            held: self.held.as_ref().map(|held| held.of_rows(&rows)),
+            notes: self.notes.clone(),
+            held: self.held.as_ref().map(|held| held.of_rows(rows)),
             field: OnceLock::new(),
             pixels: None,
             lens: self.lens.clone(),
             ..*self
-        })
+        }
     }
 
     /// The error of a calibration that is held fixed.
@@ -252,7 +260,7 @@ impl Dataset {
     }
 
     /// Components of a row.
-    pub(crate) fn components(&self) -> usize {
+    pub fn components(&self) -> usize {
         self.kind.components()
     }
 
@@ -261,8 +269,14 @@ impl Dataset {
         self.order.is_empty()
     }
 
+    /// Names of the columns that errors may depend on, one by one: those that vary, without what another holds. Points
+    /// have `x`, `y` and `r` besides.
+    pub fn screened_columns(&self) -> Vec<&str> {
+        crate::screens::screened(self)
+    }
+
     /// Values of a covariate, where it is there.
-    pub(crate) fn covariate(&self, name: &str) -> Option<&Covariate> {
+    pub fn covariate(&self, name: &str) -> Option<&Covariate> {
         self.covariates.iter().find(|c| c.name == name)
     }
 

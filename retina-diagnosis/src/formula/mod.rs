@@ -142,6 +142,12 @@ impl Formula {
     }
 }
 
+/// The unit of a table's column, as formulas write it in brackets; `None` where it is a pure number or its name does not
+/// tell.
+pub fn unit_of_column(name: &str) -> Option<String> {
+    Unit::of_column(name).filter(|unit| !unit.is_pure()).map(|unit| unit.to_string())
+}
+
 fn pop(stack: &mut Vec<Dual>) -> Dual {
     stack.pop().expect("the parser gives every operation its operands")
 }

@@ -100,7 +100,7 @@ impl Unit {
         Self(out)
     }
 
-    fn is_pure(&self) -> bool {
+    pub(crate) fn is_pure(&self) -> bool {
         self.0.is_empty()
     }
 }

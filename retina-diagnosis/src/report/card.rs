@@ -9,9 +9,10 @@ use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
 use crate::figure::View;
 use crate::fit::Fit;
-use crate::headline::headline;
+use crate::headline::{INVESTIGATE, headline};
 use crate::output::warnings;
 use crate::scatter::Noise;
+use crate::verdict::Verdict;
 
 /// A screen below this p-value is told.
 const SEEN: f64 = 0.02;
@@ -117,6 +118,9 @@ pub(super) fn diagnosed(data: &Dataset, result: &Diagnosis, view: &View) -> Sect
     answers.extend(field_answers(view));
     if let Some(next) = &result.next {
         answers.push(("Measure next", format!("{} ({})", words(next.action), next.value)));
+    }
+    if result.verdict == Verdict::Unknown {
+        answers.push(("What to do", INVESTIGATE.to_owned()));
     }
     Section::new("").card(&headline(data, result), &answers)
 }

@@ -8,7 +8,7 @@ use retina_formats::TableKind;
 use retina_plot::{Anchor, Axis, PALETTE, Panel, Style};
 use retina_report::{Page, Section};
 
-pub use shape::{Shape, unexplained_shapes};
+pub use shape::{Shape, followed_svg, unexplained_shapes};
 pub use signature::{effects_page, signature_svgs};
 
 use crate::added::AddedEffect;

@@ -12,6 +12,7 @@ use crate::added::{AddedEffect, adjusted};
 use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
 use crate::figure::{PANEL_PX, axis_label, means};
+use crate::linear::least_squares;
 use crate::noise::{RobustFit, robust_fit};
 
 /// Degree of the formula.
@@ -88,6 +89,45 @@ fn shape_over(
         svg: panel.to_svg(PANEL_PX),
         formula: formula(data, name, values, residual, rows, placed),
     }
+}
+
+/// Errors that a model leaves along the vectors of `field`, a prediction of them over all components in the table's unit,
+/// and the prediction itself: means over a column, or over the prediction's own size. What the model can be is taken
+/// out of both.
+pub fn followed_svg(
+    data: &Dataset,
+    added: &[AddedEffect],
+    field: &[f64],
+    column: Option<&str>,
+) -> Option<String> {
+    let adjusted = adjusted(data, added);
+    let fit = robust_fit(&adjusted.data, &adjusted.base);
+    let (coefficients, _) = least_squares(&adjusted.base, field);
+    let mut own = field.to_vec();
+    for (base, c) in adjusted.base.iter().zip(coefficients) {
+        own.iter_mut().zip(base).for_each(|(value, base)| *value -= c * base);
+    }
+    let n = data.components();
+    let size = |row: usize| own[row * n..(row + 1) * n].iter().map(|v| v * v).sum::<f64>().sqrt();
+    let along = |values: &[f64], row: usize| -> f64 {
+        let product: f64 = (row * n..(row + 1) * n).map(|at| values[at] * own[at]).sum();
+        product / size(row).max(f64::MIN_POSITIVE)
+    };
+    let values: Vec<f64> = match column {
+        Some(name) => data.covariate(name)?.values.clone(),
+        None => (0..data.len()).map(size).collect(),
+    };
+    let rows: Vec<usize> =
+        (0..data.len()).filter(|&row| !fit.weights.outlier[row] && values[row].is_finite()).collect();
+    let unit = data.kind.unit();
+    let across = column.map_or_else(|| format!("size of the formula ({unit})"), axis_label);
+    let mut panel =
+        Panel::new(Axis::linear(across), Axis::linear(format!("error along the formula ({unit})")));
+    let of = |error: &dyn Fn(usize) -> f64| means(data, &fit.weights, &rows, |row| values[row], error);
+    panel.means("measured", &of(&|row| along(&fit.residual, row)), Style::line(PALETTE[0]));
+    let formula: Vec<[f64; 2]> = of(&size).iter().map(|[x, y, _]| [*x, *y]).collect();
+    panel.line("formula", &formula, Style::line(PALETTE[1]));
+    Some(panel.to_svg(PANEL_PX))
 }
 
 /// A polynomial of the column, its middle and half range written out, as a user's effect; where `placed`, of second

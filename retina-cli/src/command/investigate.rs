@@ -1,0 +1,111 @@
+//! `retina investigate`.
+
+use std::path::{Path, PathBuf};
+
+use retina_diagnosis::{AddedEffect, Dataset, DiagnoseOptions};
+use retina_files::InputError;
+use retina_frames::diagnose_frames;
+use retina_investigation::{
+    Investigation, Options, investigate, investigation_json, investigation_page, investigation_text,
+};
+use retina_report::Section;
+
+use super::workbench::{Input, Material, pictures};
+use crate::failure::Failure;
+use crate::output::{print_json, print_lines};
+use crate::progress::counter;
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    input: Input,
+    /// Effect that the model already has: an id, or a file with a formula. Repeat the flag for
+    /// more.
+    #[arg(long = "effect", value_name = "ID|FILE")]
+    effects: Vec<String>,
+    /// Largest number of formulas to look for, one beside the other.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=8))]
+    terms: u32,
+    /// Seed of the sign flips.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Write each formula, and those that the data cannot tell from it, into this folder.
+    ///
+    /// The files are for --effect of compare, diagnose, fit and investigate.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Write a report page with the formulas drawn on the data. It opens offline.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    arguments.input.check_outputs(&arguments.effects, &[(&arguments.report, "html")])?;
+    // Known effects of images change the prediction: they are found first, and formulas of what is left then.
+    if let Some(mut set) = arguments.input.read()?.frames()? {
+        let options = DiagnoseOptions { seed: arguments.seed, ..DiagnoseOptions::default() };
+        let (data, added, found) = diagnose_frames(&mut set, &arguments.effects, &options)?;
+        let mut result = investigated(arguments, &data, &added)?;
+        result.known = found.accepted;
+        return write(arguments, &data, &result, Some(pictures(&set)));
+    }
+    let (material, added) = Material::read(&arguments.input, &arguments.effects)?;
+    let data = material.data();
+    write(arguments, data, &investigated(arguments, data, &added)?, None)
+}
+
+/// The investigation, with its progress on standard error.
+fn investigated(
+    arguments: &Arguments,
+    data: &Dataset,
+    added: &[AddedEffect],
+) -> Result<Investigation, InputError> {
+    let options = Options { seed: arguments.seed, most_terms: arguments.terms as usize };
+    let bar = counter(100, "%");
+    let progress = |_: &str, share: f64| bar.set_position((100.0 * share) as u64);
+    let result = investigate(data, added, &options, &progress);
+    bar.finish_and_clear();
+    result
+}
+
+fn write(
+    arguments: &Arguments,
+    data: &Dataset,
+    result: &Investigation,
+    images: Option<Section>,
+) -> Result<(), Failure> {
+    if let Some(folder) = &arguments.out {
+        write_effects(folder, result)?;
+    }
+    if let Some(path) = &arguments.report {
+        let mut page = investigation_page(data, result);
+        if let Some(images) = images {
+            page = page.after_card(images);
+        }
+        page.write(path)?;
+    }
+    match arguments.json {
+        true => print_json(&investigation_json(data, result)),
+        false => print_lines(&investigation_text(data, result)),
+    }
+}
+
+/// Each formula as an effect's file, and each rival.
+fn write_effects(folder: &Path, result: &Investigation) -> Result<(), InputError> {
+    let failed =
+        |path: &Path, error: std::io::Error| InputError::new(path, format!("cannot be written: {error}"));
+    std::fs::create_dir_all(folder).map_err(|error| failed(folder, error))?;
+    for term in &result.terms {
+        let rivals = term.rivals.iter().enumerate();
+        let all = std::iter::once((format!("{}.toml", term.name), &term.effect))
+            .chain(rivals.map(|(k, rival)| (format!("{}_rival_{}.toml", term.name, k + 1), &rival.effect)));
+        for (name, text) in all {
+            let path = folder.join(name);
+            retina_files::write_atomic(&path, text.as_bytes()).map_err(|error| failed(&path, error))?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,70 @@
+//! `retina investigate` from a table to files that the other commands take.
+
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
+
+mod common;
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use common::{assert_done, assert_refused, retina};
+
+/// Readings of a power meter that grow with the humidity, the more the larger the square is. Noise of 0.4 %.
+fn readings(series: usize) -> String {
+    let mut state = 7u64;
+    // A linear congruential generator (D. E. Knuth's MMIX), and twelve of its numbers for a normal one.
+    let mut uniform = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let mut text = String::from("channel,digital_count,square_px,irradiance_w_m2,series,time_s,humidity\n");
+    for number in 0..series {
+        let humidity = 30.0 + 40.0 * uniform();
+        for (k, count) in [8.0f64, 24.0, 60.0, 120.0, 255.0].into_iter().cycle().take(20).enumerate() {
+            let side = [20.0f64, 60.0, 100.0, 200.0][(number + k) % 4];
+            let wet = 0.02 * ((humidity - 50.0) / 20.0) * (side / 200.0).sqrt();
+            let noise = 0.004 * ((0..12).map(|_| uniform()).sum::<f64>() - 6.0);
+            let read = side * side * (count / 255.0).powf(2.2) * (1.0 + wet) * (1.0 + noise) * 2e-9;
+            let time_s = 30 * (20 * number + k);
+            let _ = writeln!(text, "w,{count},{side},{read:e},s{number:02},{time_s},{humidity:.2}");
+        }
+    }
+    text
+}
+
+fn asked(folder: &Path, table: &str, more: &[&str]) -> std::process::Output {
+    std::fs::write(folder.join("power.csv"), table).unwrap();
+    let setup = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/setups/wide-fov.toml");
+    let mut command = retina();
+    command.current_dir(folder).args(["investigate", "--data", "power.csv", "--setup"]).arg(setup);
+    command.args(more).output().unwrap()
+}
+
+#[test]
+fn a_formula_that_is_found_is_an_effect_for_fit() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = asked(folder.path(), &readings(24), &["--out", "found", "--report", "page.html", "--json"]);
+    assert_done(&out);
+    let said = String::from_utf8(out.stdout).unwrap();
+    assert!(said.contains("\"retina.investigation/1\"") && said.contains("\"verdict\": \"found\""), "{said}");
+    assert!(said.contains("\"humidity\""));
+    let page = std::fs::read_to_string(folder.path().join("page.html")).unwrap();
+    assert!(page.contains("found_1") && page.contains("<svg") && !page.contains("src=\"http"));
+
+    let setup = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/setups/wide-fov.toml");
+    let mut fit = retina();
+    fit.current_dir(folder.path()).args(["fit", "--data", "power.csv", "--effect", "found/found_1.toml"]);
+    let fitted = fit.arg("--setup").arg(setup).output().unwrap();
+    assert_done(&fitted);
+    assert!(String::from_utf8(fitted.stdout).unwrap().contains("found_1.amplitude_1"));
+}
+
+#[test]
+fn what_cannot_be_halved_is_refused_and_nothing_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = asked(folder.path(), &readings(1), &["--out", "found", "--report", "page.html"]);
+    assert_refused(&out, &["too few groups", "expected at least 12"]);
+    assert!(!folder.path().join("found").exists() && !folder.path().join("page.html").exists());
+    let out = asked(folder.path(), &readings(24), &["--terms", "0"]);
+    assert_refused(&out, &["--terms"]);
+}

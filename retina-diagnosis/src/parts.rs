@@ -1,0 +1,517 @@
+//! A table in two halves that share no error: in one a form is looked for, the other judges it.
+//!
+//! What is looked for among thousands of forms fits the noise of the data it was found in. On groups that the search has
+//! not seen it is one form, whose p-value needs no correction. Two things could still carry noise from one half to the
+//! other, and both are taken out of the half that judges. A mount that wanders: the levels of its groups are taken as what the
+//! levels of the other half do not predict. A calibration that is held fixed and is a little wrong: its error is the
+//! same everywhere, so whatever it could be is fitted freely.
+
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use crate::added::{AddedEffect, adjusted};
+use crate::catalogue::{Effect, Variant, effects};
+use crate::data::{Dataset, Flip};
+use crate::linear::{Basis, dot, least_squares};
+use crate::noise::{Weights, robust_fit};
+use crate::pixel_noise;
+use crate::scatter::{Noise, noise};
+use crate::score::Frame;
+use crate::screens::screened;
+use crate::units::{Units, in_time};
+
+/// Fewest units of a half: their signs flip in 64 ways.
+const FEWEST_UNITS: usize = 6;
+/// Share of the rows from which on outliers may be what the model lacks.
+const MANY_OUTLIERS: f64 = 0.1;
+/// Draws of the signs.
+const FLIPS: usize = 9999;
+
+/// Rows of a table with what is fitted to them.
+struct Rows {
+    /// Rows of the whole table.
+    rows: Vec<usize>,
+    data: Dataset,
+    base: Vec<Vec<f64>>,
+}
+
+/// A table, and its two halves.
+pub struct Halves {
+    whole: Rows,
+    search: Rows,
+    judge: Rows,
+    noise: Noise,
+}
+
+/// Why a table cannot be halved.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TooFew {
+    /// Exposures, series or nights that there are.
+    pub found: usize,
+    /// Those that are needed.
+    pub needed: usize,
+}
+
+/// How a form was judged by data it was not found in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Proof {
+    /// Chance of at least as much agreement where there is nothing: one-sided, by flipping the signs of units.
+    pub p_value: f64,
+    /// Amplitude in the judging half over that in the other: 1 for the truth.
+    pub ratio: f64,
+    /// Standard deviation of that ratio.
+    pub ratio_sigma: f64,
+    /// Rms of the form beside the model over that of the noise, in the judging half.
+    pub strength: f64,
+}
+
+/// A form's score beside a model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FormScore {
+    /// By how much it lowers the sum of whitened squares.
+    pub statistic: f64,
+    /// Columns that the model does not have already.
+    pub rank: usize,
+    /// Rms of what it explains over that of the noise.
+    pub strength: f64,
+}
+
+/// What a model leaves on some rows: forms are scored beside it.
+pub struct Remainder<'a> {
+    frame: Frame<'a>,
+    base: &'a [Vec<f64>],
+}
+
+/// Squares of the errors of units when they are left out.
+#[derive(Clone)]
+pub struct LeftOut(crate::score::HeldOut);
+
+impl LeftOut {
+    /// Sum over the units.
+    pub fn total(&self) -> f64 {
+        self.0.total()
+    }
+
+    /// Weighted rms per component.
+    pub fn rms(&self) -> f64 {
+        self.0.rms
+    }
+
+    /// By how many standard errors the other is better, unit by unit; negative where it is worse.
+    pub fn beaten_by(&self, other: &Self) -> f64 {
+        self.0.beaten_by(&other.0)
+    }
+}
+
+impl<'a> Remainder<'a> {
+    /// The rows it is of.
+    pub fn data(&self) -> &'a Dataset {
+        self.frame.data
+    }
+
+    /// Scores of forms, each some columns over all components of the rows.
+    pub fn scores(&self, forms: &[Vec<Vec<f64>>]) -> Vec<FormScore> {
+        let components = self.frame.components();
+        self.frame
+            .scores(forms)
+            .iter()
+            .map(|score| FormScore {
+                statistic: score.statistic,
+                rank: score.rank(),
+                strength: score.strength(components),
+            })
+            .collect()
+    }
+
+    /// Amplitudes of columns beside the model, with standard deviations; infinite where they depend on each other.
+    pub fn amplitudes(&self, columns: &[Vec<f64>]) -> Vec<(f64, f64)> {
+        self.frame.amplitudes(columns)
+    }
+
+    /// Errors of units left out, of the model with further columns.
+    pub fn left_out(&self, columns: &[Vec<f64>]) -> LeftOut {
+        LeftOut(self.frame.held_out(columns))
+    }
+
+    /// A field over the rows without what the model's columns can make of it, by plain least squares.
+    pub fn without_model(&self, field: &[f64]) -> Vec<f64> {
+        let (coefficients, _) = least_squares(self.base, field);
+        let mut out = field.to_vec();
+        for (column, c) in self.base.iter().zip(coefficients) {
+            out.iter_mut().zip(column).for_each(|(value, column)| *value -= c * column);
+        }
+        out
+    }
+
+    /// What the model leaves of a column, whitened.
+    pub fn beside(&self, column: &[f64]) -> Vec<f64> {
+        self.frame.residual(column)
+    }
+
+    /// Catalogued effects that come nearest to a field over the rows: the share of its square, beside the model, that the
+    /// nearest form of each has in common with it. Most alike first.
+    pub fn alike(&self, field: &[f64]) -> Vec<(&'static str, f64)> {
+        let data = self.frame.data;
+        let own = self.frame.residual(field);
+        let square = dot(&own, &own).max(f64::MIN_POSITIVE);
+        let mut out: Vec<(&'static str, f64)> = effects(Some(data.kind))
+            .par_iter()
+            .filter_map(|effect| {
+                let share = |variant: &Variant<'_>| -> f64 {
+                    let terms = variant.leading.iter().chain(&variant.further);
+                    let columns: Vec<Vec<f64>> = terms.map(|term| data.column(term)).collect();
+                    self.frame.directions(&columns).iter().map(|q| dot(q, &own).powi(2)).sum::<f64>() / square
+                };
+                let shares = effect.build(data).ok()?.iter().map(share).fold(0.0, f64::max);
+                Some((effect.name(), shares.min(1.0)))
+            })
+            .collect();
+        out.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(b.0)));
+        out
+    }
+
+    /// Number of components that count.
+    pub fn components(&self) -> f64 {
+        self.frame.components()
+    }
+}
+
+impl Halves {
+    /// Halves a table whose model has the `added` effects.
+    ///
+    /// Groups are paired in the order of time; of each pair the halves take the one that keeps their columns balanced.
+    /// Where groups are few, runs of their rows are taken instead, and each group's own level is fitted in each half.
+    ///
+    /// # Errors
+    /// There are too few groups.
+    pub fn new(data: &Dataset, added: &[AddedEffect]) -> Result<Self, TooFew> {
+        let adjusted = adjusted(data, added);
+        let (mut data, base) = (adjusted.data, adjusted.base);
+        let noise = match data.pixels() {
+            Some(pixels) => pixel_noise::noise(pixels.white.as_ref(), &robust_fit(&data, &base)),
+            None => noise(&data).ok_or(TooFew { found: 0, needed: 2 * FEWEST_UNITS })?,
+        };
+        noise.apply(&mut data);
+        let units = Units::of(&data);
+        if units.count < 2 * FEWEST_UNITS {
+            return Err(TooFew { found: units.count, needed: 2 * FEWEST_UNITS });
+        }
+        let first = balanced(&data, &units);
+        let of_half = |half: bool| {
+            let mut rows: Vec<usize> = units
+                .ranges
+                .iter()
+                .zip(&units.unit)
+                .filter(|(_, unit)| first[**unit] == half)
+                .flat_map(|(range, _)| range.clone())
+                .collect();
+            rows.sort_unstable();
+            Rows::of(&data, &base, rows)
+        };
+        let (search, judge) = (of_half(true), of_half(false));
+        let rows = (0..data.len()).collect();
+        Ok(Self { whole: Rows { rows, data, base }, search, judge, noise })
+    }
+
+    /// The noise of the table.
+    pub fn noise(&self) -> &Noise {
+        &self.noise
+    }
+
+    /// Rows of the half in which forms are looked for.
+    pub fn searched(&self) -> &Dataset {
+        &self.search.data
+    }
+
+    /// All rows, without what the added effects are beyond their columns.
+    pub fn whole(&self) -> &Dataset {
+        &self.whole.data
+    }
+
+    /// What the model leaves in the half in which forms are looked for, weighed as if these columns belonged to it.
+    pub fn search(&self, with: &[Vec<f64>]) -> Remainder<'_> {
+        self.search.remainder(with)
+    }
+
+    /// The same where most of what looks like outliers is what the model lacks: no row is left out, all weigh the same.
+    /// `None` where outliers are few.
+    pub fn search_unrejected(&self) -> Option<Remainder<'_>> {
+        let robust = robust_fit(&self.search.data, &self.search.base);
+        let outliers = robust.weights.outlier.iter().filter(|out| **out).count();
+        (outliers as f64 > MANY_OUTLIERS * self.search.data.len() as f64).then(|| {
+            let mean = dot(&robust.residual, &robust.residual) / robust.residual.len().max(1) as f64;
+            let weights = Weights::equal(self.search.data.len(), mean.sqrt());
+            Remainder {
+                frame: Frame::weighted(&self.search.data, &self.search.base, weights),
+                base: &self.search.base,
+            }
+        })
+    }
+
+    /// What the model leaves in the half that judges.
+    pub fn judge(&self, with: &[Vec<f64>]) -> Remainder<'_> {
+        self.judge.remainder(&self.judge.cut(with))
+    }
+
+    /// Columns over all rows, cut to those of the half that judges.
+    pub fn judged(&self, columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        self.judge.cut(columns)
+    }
+
+    /// What the model leaves in all rows.
+    pub fn all(&self, with: &[Vec<f64>]) -> Remainder<'_> {
+        self.whole.remainder(with)
+    }
+
+    /// Judges a form: `predicted` is what the other half says it adds to each row of the table, in the table's unit;
+    /// `columns` are those it was fitted with, for the weights.
+    pub fn prove(&self, predicted: &[f64], columns: &[Vec<f64>], seed: u64) -> Proof {
+        let weights = [&self.search, &self.judge].map(|half| half.weights(&half.cut(columns)));
+        let whiten = |column: &[f64]| self.conditioned(&weights, column);
+        let mut basis = Basis::default();
+        if let Some(field) = self.whole.data.field() {
+            for (column, _) in field.columns(1.0) {
+                basis.push(whiten(column));
+            }
+        }
+        for column in &self.whole.base {
+            basis.push(whiten(column));
+        }
+        for column in self.levels_of_groups() {
+            basis.push(whiten(&column));
+        }
+        let beside = |column: &[f64]| basis.residual(basis.residual(whiten(column)));
+        let (form, error) = (beside(predicted), beside(&self.whole.data.y));
+        let square = dot(&form, &form);
+        let before = whiten(predicted);
+        // A form that the model has already, or that is all one unit's.
+        if square <= 1e-8 * dot(&before, &before) || square <= 0.0 {
+            return Proof { p_value: 1.0, ratio: 0.0, ratio_sigma: f64::INFINITY, strength: 0.0 };
+        }
+        let n = self.whole.data.components();
+        let units = Units::of(&self.judge.data);
+        let mut shares = vec![0.0; units.count];
+        for (range, &unit) in units.ranges.iter().zip(&units.unit) {
+            let span = range.start * n..range.end * n;
+            shares[unit] += dot(&form[span.clone()], &error[span]);
+        }
+        let found: f64 = shares.iter().sum();
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let reached = (0..FLIPS)
+            .filter(|_| {
+                let drawn: f64 =
+                    shares.iter().map(|share| if random.random::<bool>() { *share } else { -share }).sum();
+                drawn >= found - 1e-9 * found.abs()
+            })
+            .count();
+        let scatter = shares.iter().map(|share| (share - found / units.count as f64).powi(2)).sum::<f64>();
+        let kept = (weights[1].kept() * n) as f64;
+        Proof {
+            p_value: (1 + reached) as f64 / (1 + FLIPS) as f64,
+            ratio: found / square,
+            ratio_sigma: scatter.sqrt() / square,
+            strength: (square / kept).sqrt(),
+        }
+    }
+
+    /// Judges a catalogued effect: fitted in the half that searches, in its form that fits best there. `None` where the table
+    /// cannot show it.
+    pub fn prove_known(&self, effect: &Effect, seed: u64) -> Option<Proof> {
+        let data = &self.whole.data;
+        let left = self.search(&[]);
+        let (_, columns) = effect
+            .build(data)
+            .ok()?
+            .iter()
+            .map(|variant| {
+                let terms = variant.leading.iter().chain(&variant.further);
+                let columns: Vec<Vec<f64>> = terms.map(|term| data.column(term)).collect();
+                (left.scores(&[self.search.cut(&columns)])[0].statistic, columns)
+            })
+            .max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let amplitudes = left.amplitudes(&self.search.cut(&columns));
+        let mut predicted = vec![0.0; data.y.len()];
+        for (column, (amplitude, _)) in columns.iter().zip(amplitudes) {
+            predicted.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
+        }
+        Some(self.prove(&predicted, &columns, seed))
+    }
+
+    /// Each group's level in each component, where halves are runs of rows of the same groups: what the two share.
+    fn levels_of_groups(&self) -> Vec<Vec<f64>> {
+        let data = &self.whole.data;
+        if data.flip != Flip::Rows {
+            return Vec::new();
+        }
+        group_levels(data)
+    }
+
+    /// A column over all rows as the judging half sees it: whitened, and without what the other half's levels predict where
+    /// groups follow each other. An autoregression of first order of correlation rho is known beside its nearest known
+    /// neighbours, d before and e after, by (1, rho^(d + e); rho^(d + e), 1)^-1 (rho^d, rho^e).
+    fn conditioned(&self, weights: &[Weights; 2], column: &[f64]) -> Vec<f64> {
+        let halves = [&self.search, &self.judge];
+        let mut white = [0, 1].map(|k| {
+            let mut cut = halves[k].cut_one(column);
+            weights[k].whiten_rows_of(&halves[k].data, &mut cut);
+            cut
+        });
+        let rho = self.whole.data.wander;
+        if rho == 0.0 {
+            return std::mem::take(&mut white[1]);
+        }
+        let n = self.whole.data.components();
+        // For each group in the order of time: which half, and its number there.
+        let mut place = vec![(0, 0); self.whole.data.groups.len()];
+        for (k, half) in halves.iter().enumerate() {
+            let mut at = 0;
+            for (g, group) in self.whole.data.groups.iter().enumerate() {
+                if half.data.groups.get(at).is_some_and(|own| own.name == group.name) {
+                    place[g] = (k, at);
+                    at += 1;
+                }
+            }
+        }
+        let order: Vec<(usize, usize)> = in_time(&self.whole.data).into_iter().map(|g| place[g]).collect();
+        let root_sum = |(k, g): (usize, usize)| -> f64 {
+            let rows = halves[k].data.groups[g].rows.clone();
+            weights[k].weight[rows].iter().sum::<f64>().sqrt()
+        };
+        let level = |(k, g): (usize, usize), axis: usize| -> f64 {
+            let rows = halves[k].data.groups[g].rows.clone();
+            rows.map(|row| weights[k].weight[row].sqrt() * white[k][row * n + axis]).sum::<f64>()
+                / root_sum((k, g))
+        };
+        let counts: Vec<bool> = order.iter().map(|&at| root_sum(at) > 0.0).collect();
+        let levels: Vec<[f64; 2]> = order
+            .iter()
+            .zip(&counts)
+            .map(|(&at, &counts)| {
+                let of = |axis: usize| if counts && axis < n { level(at, axis) } else { 0.0 };
+                [of(0), of(1)]
+            })
+            .collect();
+        let mut changes = Vec::new();
+        for (t, &(k, g)) in order.iter().enumerate() {
+            if k == 0 || !counts[t] {
+                continue;
+            }
+            // Known are the other half, and of this one what lies before.
+            let before = (0..t).rev().find(|&s| counts[s]);
+            let after = (t + 1..order.len()).find(|&s| counts[s] && order[s].0 == 0);
+            let near = |s: Option<usize>| s.map_or(0.0, |s| rho.powi(s.abs_diff(t) as i32));
+            let (b, a) = (near(before), near(after));
+            let both = b * a;
+            let share = 1.0 - both * both;
+            let (of_before, of_after) = ((b - both * a) / share, (a - both * b) / share);
+            let root = (1.0 - of_before * b - of_after * a).sqrt();
+            let own: [f64; 2] = [0, 1].map(|axis| {
+                let at = |s: Option<usize>| s.map_or(0.0, |s| levels[s][axis]);
+                (levels[t][axis] - of_before * at(before) - of_after * at(after)) / root - levels[t][axis]
+            });
+            changes.push((g, own.map(|change| change / root_sum((k, g)))));
+        }
+        for (g, change) in changes {
+            for row in self.judge.data.groups[g].rows.clone() {
+                let root = weights[1].weight[row].sqrt();
+                for axis in 0..n {
+                    white[1][row * n + axis] += change[axis] * root;
+                }
+            }
+        }
+        std::mem::take(&mut white[1])
+    }
+}
+
+/// A column for each group and component that is 1 there.
+fn group_levels(data: &Dataset) -> Vec<Vec<f64>> {
+    let n = data.components();
+    let mut out = Vec::new();
+    for group in &data.groups {
+        for axis in 0..n {
+            let mut column = vec![0.0; data.y.len()];
+            group.rows.clone().for_each(|row| column[row * n + axis] = 1.0);
+            out.push(column);
+        }
+    }
+    out
+}
+
+impl Rows {
+    fn of(data: &Dataset, base: &[Vec<f64>], rows: Vec<usize>) -> Self {
+        let mut own = data.of_rows(&rows);
+        if data.wander > 0.0 {
+            // Every second group: the correlation of neighbours is that of groups two apart.
+            own.wander = data.wander * data.wander;
+        }
+        let mut out = Self { rows, data: own, base: Vec::new() };
+        out.base = out.cut(base);
+        if data.flip == Flip::Rows {
+            out.base.extend(group_levels(&out.data));
+        }
+        out
+    }
+
+    fn cut_one(&self, column: &[f64]) -> Vec<f64> {
+        let n = self.data.components();
+        self.rows.iter().flat_map(|&row| column[row * n..(row + 1) * n].iter().copied()).collect()
+    }
+
+    fn cut(&self, columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        columns.iter().map(|column| self.cut_one(column)).collect()
+    }
+
+    fn weights(&self, with: &[Vec<f64>]) -> Weights {
+        let columns: Vec<Vec<f64>> = self.base.iter().chain(with).cloned().collect();
+        robust_fit(&self.data, &columns).weights
+    }
+
+    fn remainder(&self, with: &[Vec<f64>]) -> Remainder<'_> {
+        let frame = Frame::weighted(&self.data, &self.base, self.weights(with));
+        Remainder { frame, base: &self.base }
+    }
+}
+
+/// For each unit whether it is in the first half: of each pair of neighbours in time the one that keeps the halves' means
+/// of all columns nearest to each other.
+fn balanced(data: &Dataset, units: &Units) -> Vec<bool> {
+    let mut order: Vec<usize> = (0..units.count).collect();
+    if data.flip == Flip::Groups {
+        order = in_time(data);
+    }
+    let means: Vec<Vec<f64>> = screened(data)
+        .iter()
+        .map(|name| {
+            let values = data.values(name);
+            let of_unit = |unit: usize| {
+                let (mut sum, mut count) = (0.0, 0.0);
+                for row in units.of_unit(unit).flatten().filter(|&row| !values[row].is_nan()) {
+                    sum += values[row];
+                    count += 1.0;
+                }
+                if count > 0.0 { sum / count } else { 0.0 }
+            };
+            let means: Vec<f64> = (0..units.count).map(of_unit).collect();
+            let middle = means.iter().sum::<f64>() / means.len() as f64;
+            let spread =
+                (means.iter().map(|m| (m - middle).powi(2)).sum::<f64>() / means.len() as f64).sqrt();
+            means.iter().map(|m| if spread > 0.0 { (m - middle) / spread } else { 0.0 }).collect()
+        })
+        .collect();
+    let mut first = vec![false; units.count];
+    let mut off = vec![0.0; means.len()];
+    for pair in order.chunks(2) {
+        let [a, b] = *pair else {
+            first[pair[0]] = true;
+            continue;
+        };
+        let distance = |sign: f64| -> f64 {
+            off.iter().zip(&means).map(|(off, m)| (off + sign * (m[a] - m[b])).powi(2)).sum()
+        };
+        let sign = if distance(1.0) <= distance(-1.0) { 1.0 } else { -1.0 };
+        off.iter_mut().zip(&means).for_each(|(off, m)| *off += sign * (m[a] - m[b]));
+        first[if sign > 0.0 { a } else { b }] = true;
+    }
+    first
+}

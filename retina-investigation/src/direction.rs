@@ -1,0 +1,259 @@
+//! Which way errors point from place to place: vector fields that a law multiplies.
+
+use crate::columns::Table;
+use crate::law::{Move, Shape};
+
+/// A vector field over the place (x, y), 1 at half the camera's width; each is linear in one to four amplitudes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Direction {
+    /// A value: tables of one component.
+    Value,
+    /// The same way everywhere.
+    Fixed,
+    /// The same way everywhere in axes that turn with the camera.
+    FixedInCamera,
+    /// Along the radius, in proportion to it: scale.
+    Radial,
+    /// Across the radius, in proportion to it: a turn.
+    Tangential,
+    /// A stretch along x.
+    StretchX,
+    /// A stretch along y.
+    StretchY,
+    /// A shift along x in proportion to y.
+    ShearX,
+    /// A shift along y in proportion to x.
+    ShearY,
+    /// A stretch along one axis and a squeeze across it, along any axis.
+    Anamorphic,
+    /// Any linear field.
+    Linear,
+    /// (x^2, x y) and (x y, y^2): a tilted plane.
+    Tilted,
+    /// r^2 the same way everywhere: a prism.
+    Prism,
+    /// Away from a place, within a width of it.
+    Dent,
+    /// About a place, within a width of it.
+    Swirl,
+    /// The same way within a width of a place.
+    Spot,
+    /// The same way, in waves over the field.
+    Wave,
+}
+
+const fn place(name: &'static str) -> Shape {
+    Shape { name, has_unit: false, smooth: true }
+}
+
+const LOCAL: [Shape; 3] = [place("centre_x"), place("centre_y"), place("extent")];
+const WAVE: [Shape; 2] = [place("wave_x"), place("wave_y")];
+
+/// A vector's two components as text.
+type Texts = [String; 2];
+
+impl Direction {
+    /// Those of points that laws of other columns multiply first; the others are tried beside what these find.
+    pub(crate) const FIRST: [Self; 6] =
+        [Self::Fixed, Self::Radial, Self::Tangential, Self::Linear, Self::Tilted, Self::Prism];
+
+    /// Those of points that a search may change to.
+    pub(crate) const PLAIN: [Self; 12] = [
+        Self::Fixed,
+        Self::FixedInCamera,
+        Self::Radial,
+        Self::Tangential,
+        Self::StretchX,
+        Self::StretchY,
+        Self::ShearX,
+        Self::ShearY,
+        Self::Anamorphic,
+        Self::Linear,
+        Self::Tilted,
+        Self::Prism,
+    ];
+
+    /// Those that are confined or wavy.
+    pub(crate) const SHAPED: [Self; 4] = [Self::Dent, Self::Swirl, Self::Spot, Self::Wave];
+
+    pub(crate) fn shapes(self) -> &'static [Shape] {
+        match self {
+            Self::Dent | Self::Swirl | Self::Spot => &LOCAL,
+            Self::Wave => &WAVE,
+            _ => &[],
+        }
+    }
+
+    /// Shape parameters at which a search begins.
+    pub(crate) fn starts(self) -> Vec<Vec<f64>> {
+        match self {
+            Self::Dent | Self::Swirl | Self::Spot => {
+                let mut out = Vec::new();
+                for x in [-0.75, -0.375, 0.0, 0.375, 0.75] {
+                    for y in [-0.5, 0.0, 0.5] {
+                        out.extend([0.15, 0.35].map(|width| vec![x, y, width]));
+                    }
+                }
+                out
+            }
+            Self::Wave => {
+                // Half a plane of wave vectors: the other half are the same waves.
+                let mut out = Vec::new();
+                for kx in 0..=6 {
+                    for ky in -6..=6 {
+                        let (kx, ky) = (2.5 * f64::from(kx), 2.5 * f64::from(ky));
+                        if (kx > 0.0 || ky > 0.0) && (4.0..16.0).contains(&kx.hypot(ky)) {
+                            out.push(vec![kx, ky]);
+                        }
+                    }
+                }
+                out
+            }
+            _ => vec![Vec::new()],
+        }
+    }
+
+    pub(crate) fn moves(self) -> Vec<Move> {
+        match self {
+            Self::Dent | Self::Swirl | Self::Spot => vec![Move::By(0.12), Move::By(0.12), Move::Times(1.5)],
+            Self::Wave => vec![Move::By(0.8), Move::By(0.8)],
+            _ => Vec::new(),
+        }
+    }
+
+    pub(crate) fn allows(self, shape: &[f64]) -> bool {
+        match self {
+            Self::Dent | Self::Swirl | Self::Spot => {
+                shape[0].abs() <= 1.3 && shape[1].abs() <= 1.3 && (0.03..=2.0).contains(&shape[2])
+            }
+            Self::Wave => shape[0].hypot(shape[1]) <= 60.0,
+            _ => true,
+        }
+    }
+
+    /// Whether every model of the baseline can be this field: a constant times it is none of its own.
+    pub(crate) fn in_baseline(self) -> bool {
+        !matches!(
+            self,
+            Self::FixedInCamera
+                | Self::Tilted
+                | Self::Prism
+                | Self::Dent
+                | Self::Swirl
+                | Self::Spot
+                | Self::Wave
+        )
+    }
+
+    /// Number of its amplitudes.
+    pub(crate) fn width(self) -> usize {
+        match self {
+            Self::Fixed
+            | Self::FixedInCamera
+            | Self::Anamorphic
+            | Self::Tilted
+            | Self::Prism
+            | Self::Spot => 2,
+            Self::Linear | Self::Wave => 4,
+            _ => 1,
+        }
+    }
+
+    /// Its vectors in a row, one for each amplitude.
+    pub(crate) fn vectors(self, table: &Table, row: usize, shape: &[f64], out: &mut Vec<[f64; 2]>) {
+        out.clear();
+        if self == Self::Value {
+            out.push([1.0, 0.0]);
+            return;
+        }
+        let (x, y) = (table.x[row], table.y[row]);
+        let local = || {
+            let (dx, dy) = (x - shape[0], y - shape[1]);
+            (dx, dy, (-(dx * dx + dy * dy) / (shape[2] * shape[2])).exp())
+        };
+        match self {
+            Self::Value => {}
+            Self::Fixed => out.extend([[1.0, 0.0], [0.0, 1.0]]),
+            Self::FixedInCamera => {
+                let (sin, cos) = table.roll_rad.get(row).copied().unwrap_or(0.0).sin_cos();
+                out.extend([[cos, sin], [-sin, cos]]);
+            }
+            Self::Radial => out.push([x, y]),
+            Self::Tangential => out.push([-y, x]),
+            Self::StretchX => out.push([x, 0.0]),
+            Self::StretchY => out.push([0.0, y]),
+            Self::ShearX => out.push([y, 0.0]),
+            Self::ShearY => out.push([0.0, x]),
+            Self::Anamorphic => out.extend([[x, -y], [y, x]]),
+            Self::Linear => out.extend([[x, 0.0], [y, 0.0], [0.0, x], [0.0, y]]),
+            Self::Tilted => out.extend([[x * x, x * y], [x * y, y * y]]),
+            Self::Prism => {
+                let r2 = x * x + y * y;
+                out.extend([[r2, 0.0], [0.0, r2]]);
+            }
+            Self::Dent => {
+                let (dx, dy, fall) = local();
+                out.push([dx * fall, dy * fall]);
+            }
+            Self::Swirl => {
+                let (dx, dy, fall) = local();
+                out.push([-dy * fall, dx * fall]);
+            }
+            Self::Spot => {
+                let (_, _, fall) = local();
+                out.extend([[fall, 0.0], [0.0, fall]]);
+            }
+            Self::Wave => {
+                let (sin, cos) = (shape[0] * x + shape[1] * y).sin_cos();
+                out.extend([[sin, 0.0], [cos, 0.0], [0.0, sin], [0.0, cos]]);
+            }
+        }
+    }
+
+    /// The same as text, one pair for each amplitude; an empty text is 0, "1" is 1.
+    pub(crate) fn texts(self, shape: &[String]) -> Vec<Texts> {
+        let pair = |x: &str, y: &str| [x.to_owned(), y.to_owned()];
+        let at = |k: usize| shape.get(k).map_or("", String::as_str);
+        let local = || {
+            let (dx, dy) = (format!("(x - {})", at(0)), format!("(y - {})", at(1)));
+            let fall = format!("exp(-({dx}^2 + {dy}^2) / {}^2)", at(2));
+            (dx, dy, fall)
+        };
+        const ROLL: &str = "(camera_roll_deg * pi / 180)";
+        match self {
+            Self::Value => vec![pair("1", "")],
+            Self::Fixed => vec![pair("1", ""), pair("", "1")],
+            Self::FixedInCamera => vec![
+                [format!("cos{ROLL}"), format!("sin{ROLL}")],
+                [format!("(-sin{ROLL})"), format!("cos{ROLL}")],
+            ],
+            Self::Radial => vec![pair("x", "y")],
+            Self::Tangential => vec![pair("(-y)", "x")],
+            Self::StretchX => vec![pair("x", "")],
+            Self::StretchY => vec![pair("", "y")],
+            Self::ShearX => vec![pair("y", "")],
+            Self::ShearY => vec![pair("", "x")],
+            Self::Anamorphic => vec![pair("x", "(-y)"), pair("y", "x")],
+            Self::Linear => vec![pair("x", ""), pair("y", ""), pair("", "x"), pair("", "y")],
+            Self::Tilted => vec![pair("x^2", "x * y"), pair("x * y", "y^2")],
+            Self::Prism => vec![pair("r^2", ""), pair("", "r^2")],
+            Self::Dent => {
+                let (dx, dy, fall) = local();
+                vec![[format!("{dx} * {fall}"), format!("{dy} * {fall}")]]
+            }
+            Self::Swirl => {
+                let (dx, dy, fall) = local();
+                vec![[format!("(-{dy}) * {fall}"), format!("{dx} * {fall}")]]
+            }
+            Self::Spot => {
+                let (_, _, fall) = local();
+                vec![pair(&fall, ""), pair("", &fall)]
+            }
+            Self::Wave => {
+                let phase = format!("({} * x + {} * y)", at(0), at(1));
+                let (sin, cos) = (format!("sin{phase}"), format!("cos{phase}"));
+                vec![pair(&sin, ""), pair(&cos, ""), pair("", &sin), pair("", &cos)]
+            }
+        }
+    }
+}

@@ -1,0 +1,430 @@
+//! Rounds of the investigation: search in one half, proof in the other, the formula on all data, and what is left.
+
+use std::sync::atomic::AtomicUsize;
+
+use rayon::prelude::*;
+use retina_diagnosis::{
+    AddedEffect, Dataset, DiagnoseOptions, Halves, LeftOut, Proof, Remainder, diagnose_step, fit,
+};
+use retina_files::InputError;
+use retina_formats::TableKind;
+
+use crate::columns::{Column, Table, columns};
+use crate::form::Form;
+use crate::outcome::{Investigation, Rival, Term, Unproven};
+use crate::search::{Scored, Search, WEAK, finite, simplest};
+use crate::words::words;
+
+/// What is asked of an investigation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Seed of the sign flips.
+    pub seed: u64,
+    /// Most formulas that are looked for, one beside the other.
+    pub most_terms: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { seed: 1, most_terms: 3 }
+    }
+}
+
+/// Level at which a first formula is taken for proven, and further ones.
+const LEVEL: [f64; 2] = [0.02, 0.01];
+/// Families that are judged beside the first.
+const JUDGED: usize = 12;
+/// Level at which another form may take the place of the one that the search chose.
+const LEVEL_RIVAL: f64 = 0.05;
+/// Standard errors within which formulas are not told apart.
+const TOLD_APART: f64 = 2.0;
+/// Most formulas beside the first that are named.
+const MOST_RIVALS: usize = 4;
+/// Formulas with so much more to say are no rivals.
+const RIVAL_COMPLEXITY: usize = 2;
+/// A structure weaker than this, rms over noise, is not reported.
+const FLOOR: f64 = 0.025;
+/// Most known effects that join the model.
+const MOST_KNOWN: usize = 4;
+/// Share of a formula's square that a catalogued effect has to hold to be called the same.
+const ALIKE: f64 = 0.9;
+/// A formula whose difference from another one is below this share of its rms is the same.
+const SAME: f64 = 0.02;
+
+/// Looks for formulas of what the model leaves: the baseline, the `added` effects, and those that a diagnosis names.
+///
+/// `progress` is told what is being done and the share of it that is finished.
+///
+/// # Errors
+/// The table has too few groups to be halved, is one of frames, or an added effect does not fit it.
+pub fn investigate(
+    data: &Dataset,
+    added: &[AddedEffect],
+    options: &Options,
+    progress: &(dyn Fn(&str, f64) + Sync),
+) -> Result<Investigation, InputError> {
+    let mut out = Rounds {
+        data,
+        model: added.to_vec(),
+        known: Vec::new(),
+        terms: Vec::new(),
+        unproven: None,
+        tried: 0,
+        notes: data.notes.clone(),
+        options,
+        progress,
+    };
+    // Known effects whose forms no formula comes near to are the diagnosis's to find. It comes second: beside what is
+    // unknown it takes known effects for it.
+    loop {
+        while out.terms.len() < options.most_terms && out.known.len() < MOST_KNOWN && out.round()? {}
+        if !out.diagnosed()? {
+            break;
+        }
+    }
+    let fit = fit(data, &out.model)?;
+    Ok(Investigation {
+        known: out.known,
+        noise: fit.noise.clone(),
+        terms: out.terms,
+        unproven: out.unproven,
+        fit,
+        model: out.model,
+        tried: out.tried,
+        notes: out.notes,
+    })
+}
+
+/// What was found so far.
+struct Rounds<'a> {
+    data: &'a Dataset,
+    model: Vec<AddedEffect>,
+    known: Vec<&'static str>,
+    terms: Vec<Term>,
+    unproven: Option<Unproven>,
+    tried: usize,
+    notes: Vec<String>,
+    options: &'a Options,
+    progress: &'a (dyn Fn(&str, f64) + Sync),
+}
+
+/// What a round adds to the model.
+enum Chosen {
+    /// A catalogued effect that is nearly the same as the formula that was found.
+    Known(&'static str),
+    Formula(Box<Term>, AddedEffect),
+}
+
+/// A form with what both halves say of it.
+struct Judged {
+    form: Form,
+    proof: Proof,
+}
+
+impl Rounds<'_> {
+    /// Adds what a diagnosis of what is left accepts; false where it accepts nothing.
+    fn diagnosed(&mut self) -> Result<bool, InputError> {
+        (self.progress)("looking for known effects", 0.95);
+        // Those of images change the prediction, which is made anew with each: the caller's to do.
+        if self.known.len() >= MOST_KNOWN || self.data.kind == TableKind::Frames {
+            return Ok(false);
+        }
+        let options = DiagnoseOptions { seed: self.options.seed, ..DiagnoseOptions::default() };
+        let found = diagnose_step(self.data, &self.model, &options, !self.model.is_empty());
+        let before = self.known.len();
+        for id in &found.accepted {
+            let effect = AddedEffect::read(id, self.data)?;
+            if self.holds(&effect) && self.fits_with(&effect) {
+                self.model.push(effect);
+                self.known.push(id);
+            }
+        }
+        Ok(self.known.len() > before)
+    }
+
+    /// Whether a catalogued effect, fitted to one half, holds in the other: the diagnosis has seen both.
+    fn holds(&self, effect: &AddedEffect) -> bool {
+        let (AddedEffect::Catalogued(known), Ok(halves)) = (effect, Halves::new(self.data, &self.model))
+        else {
+            return false;
+        };
+        halves.prove_known(known, self.options.seed).is_some_and(|proof| proof.p_value <= LEVEL[0])
+    }
+
+    /// Looks for one more formula; false where none is proven.
+    fn round(&mut self) -> Result<bool, InputError> {
+        let halves = Halves::new(self.data, &self.model).map_err(|few| {
+            InputError::new(
+                "--data",
+                "the table has too few groups: one half looks for a formula, the other judges it",
+            )
+            .found(format!("{} exposures, series or nights", few.found))
+            .expected(format!("at least {}", few.needed))
+            .help("measure more of them, or give several tables of one facility together")
+        })?;
+        let columns = columns(halves.whole());
+        let searched = Table::new(halves.searched(), &columns);
+        let search = Search {
+            kind: self.data.kind,
+            columns: &columns,
+            table: &searched,
+            tried: AtomicUsize::new(0),
+            progress: self.progress,
+        };
+        let found = search.run(&halves);
+        self.tried += found.tried;
+        (self.progress)("judging", 0.9);
+        let Some(first) = found.scored.first() else { return Ok(false) };
+        let weights = finite(first.form.evaluate(&searched, &columns));
+        let left = halves.search(&weights);
+        let Some((chosen, _)) = simplest(&left, &search, &found.scored) else { return Ok(false) };
+        let whole = Table::new(halves.whole(), &columns);
+        let prove = |scored: &Scored| {
+            let amplitudes = left.amplitudes(&finite(scored.form.evaluate(&searched, &columns)));
+            let own = finite(scored.form.evaluate(&whole, &columns));
+            let predicted = sum(&own, amplitudes.iter().map(|(value, _)| *value));
+            halves.prove(&predicted, &own, self.options.seed)
+        };
+        let chosen = &found.scored[chosen];
+        let proof = prove(chosen);
+        let level = LEVEL[usize::from(!self.terms.is_empty())];
+        let number = self.terms.len() + 1;
+        if proof.p_value > level || proof.strength < FLOOR {
+            let amplitudes: Vec<f64> = left
+                .amplitudes(&finite(chosen.form.evaluate(&searched, &columns)))
+                .iter()
+                .map(|(value, _)| *value)
+                .collect();
+            let held = vec![true; chosen.form.shapes()];
+            self.unproven = Some(Unproven {
+                effect: chosen.form.effect(&columns, self.data.kind, &name(number), &amplitudes, &held),
+                covariates: chosen.form.covariates(&columns),
+                proof,
+            });
+            return Ok(false);
+        }
+        // The formula itself is chosen and fitted on all data; what the other half did not confirm is out.
+        let mut judged: Vec<Judged> = found
+            .scored
+            .par_iter()
+            .take(JUDGED)
+            .filter(|scored| scored.form != chosen.form)
+            .map(|scored| Judged { form: scored.form.clone(), proof: prove(scored) })
+            .filter(|judged| judged.proof.p_value <= LEVEL_RIVAL)
+            .collect();
+        judged.insert(0, Judged { form: chosen.form.clone(), proof });
+        let term = self.on_all_data(&halves, &columns, &whole, judged, name(number))?;
+        match term {
+            Some(Chosen::Formula(term, effect)) => {
+                self.terms.push(*term);
+                self.model.push(effect);
+            }
+            Some(Chosen::Known(name)) => {
+                self.model.push(AddedEffect::read(name, self.data)?);
+                self.known.push(name);
+            }
+            None => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    /// Chooses among proven forms on all data, and fits.
+    fn on_all_data(
+        &mut self,
+        halves: &Halves,
+        columns: &[Column],
+        whole: &Table,
+        judged: Vec<Judged>,
+        name: String,
+    ) -> Result<Option<Chosen>, InputError> {
+        let search = Search {
+            kind: self.data.kind,
+            columns,
+            table: whole,
+            tried: AtomicUsize::new(0),
+            progress: self.progress,
+        };
+        let left = halves.all(&finite(judged[0].form.evaluate(whole, columns)));
+        let scored: Vec<Scored> = search.refined_anew(&left, judged.iter().map(|j| j.form.clone()).collect());
+        let Some((best, errors)) = simplest(&left, &search, &scored) else { return Ok(None) };
+        let own = &scored[best].form;
+        let evaluated = finite(own.evaluate(whole, columns));
+        let amplitudes: Vec<f64> = left.amplitudes(&evaluated).iter().map(|(value, _)| *value).collect();
+        let field = sum(&evaluated, amplitudes.iter().copied());
+        let alike: Vec<(&'static str, f64)> =
+            left.alike(&field).into_iter().filter(|(_, share)| *share >= ALIKE).collect();
+        let new = |name: &&'static str| {
+            self.data.kind != TableKind::Frames
+                && !self.model.iter().any(|effect| effect.name() == *name)
+                && AddedEffect::read(name, self.data).is_ok_and(|effect| self.fits_with(&effect))
+        };
+        if let Some(name) = alike.iter().map(|(name, _)| *name).find(|name| new(name)) {
+            return Ok(Some(Chosen::Known(name)));
+        }
+        let frozen = inseparable(&left, own, whole, columns, &amplitudes);
+        let Some((text, effect)) = self.readable(own, columns, &name, &amplitudes, frozen) else {
+            self.notes
+                .push(format!("the formula {name} cannot be fitted as a user's effect and is left out"));
+            return Ok(None);
+        };
+        let rivals = self.rivals(&left, &scored, &errors, best, columns, whole, &field, &name);
+        let proof = judged
+            .iter()
+            .find(|judged| judged.form.family() == own.family())
+            .map_or(judged[0].proof, |judged| judged.proof);
+        let beside = left.beside(&field);
+        let rms = (field.iter().map(|v| v * v).sum::<f64>() / field.len().max(1) as f64).sqrt();
+        let strength = (beside.iter().map(|v| v * v).sum::<f64>() / left.components()).sqrt();
+        let words = words(own, columns, self.data, &amplitudes, strength);
+        let covariates = own.covariates(columns);
+        let weak_beside =
+            self.terms.iter().find(|before| rms < WEAK * before.rms).map(|before| before.name.clone());
+        let term =
+            Term { name, effect: text, covariates, proof, rms, weak_beside, rivals, alike, words, field };
+        Ok(Some(Chosen::Formula(Box::new(term), effect)))
+    }
+
+    /// Whether the workbench can fit the model with one more effect.
+    fn fits_with(&self, effect: &AddedEffect) -> bool {
+        let mut model = self.model.clone();
+        model.push(effect.clone());
+        fit(self.data, &model).is_ok()
+    }
+
+    /// The form as an effect that the workbench takes. Shape parameters that it refuses are held.
+    fn readable(
+        &self,
+        form: &Form,
+        columns: &[Column],
+        name: &str,
+        amplitudes: &[f64],
+        frozen: Vec<bool>,
+    ) -> Option<(String, AddedEffect)> {
+        let all = vec![true; frozen.len()];
+        [frozen, all].into_iter().find_map(|frozen| {
+            let text = form.effect(columns, self.data.kind, name, amplitudes, &frozen);
+            let effect = AddedEffect::of_text(name, &text, self.data).ok()?;
+            self.fits_with(&effect).then_some((text, effect))
+        })
+    }
+
+    /// Forms that units left out do not tell from the best.
+    #[expect(clippy::too_many_arguments, reason = "one step of the round above, with what that has at hand")]
+    fn rivals(
+        &self,
+        left: &Remainder<'_>,
+        scored: &[Scored],
+        errors: &[LeftOut],
+        best: usize,
+        columns: &[Column],
+        whole: &Table,
+        field: &[f64],
+        name: &str,
+    ) -> Vec<Rival> {
+        let n = whole.components;
+        let rms = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
+        let mut out = Vec::new();
+        for (k, rival) in scored.iter().enumerate() {
+            let beaten_by = errors[k].beaten_by(&errors[best]);
+            let most = scored[best].form.complexity() + RIVAL_COMPLEXITY;
+            let more = rival.form.factors.len() > scored[best].form.factors.len();
+            if k == best || beaten_by > TOLD_APART || more || rival.form.complexity() > most {
+                continue;
+            }
+            let evaluated = finite(rival.form.evaluate(whole, columns));
+            let amplitudes: Vec<f64> = left.amplitudes(&evaluated).iter().map(|(value, _)| *value).collect();
+            let other = sum(&evaluated, amplitudes.iter().copied());
+            // What the baseline takes up is no difference.
+            let difference: Vec<f64> = field.iter().zip(&other).map(|(a, b)| a - b).collect();
+            let beside = left.beside(&difference);
+            let own = left.beside(field);
+            if rms(&beside) < SAME * rms(&own) {
+                continue;
+            }
+            let difference = left.without_model(&difference);
+            let row = (0..whole.rows)
+                .max_by(|&a, &b| {
+                    let size =
+                        |row: usize| difference[row * n..(row + 1) * n].iter().map(|v| v * v).sum::<f64>();
+                    size(a).total_cmp(&size(b))
+                })
+                .unwrap_or(0);
+            let mut names = rival.form.covariates(columns);
+            for name in scored[best].form.covariates(columns) {
+                if !names.contains(&name) {
+                    names.push(name);
+                }
+            }
+            let held = vec![true; rival.form.shapes()];
+            out.push(Rival {
+                effect: rival.form.effect(
+                    columns,
+                    self.data.kind,
+                    &format!("{name}_rival"),
+                    &amplitudes,
+                    &held,
+                ),
+                covariates: rival.form.covariates(columns),
+                difference_rms: rms(&difference),
+                differs_by: rms(&difference[row * n..(row + 1) * n]) * (n as f64).sqrt(),
+                differs_at: names
+                    .into_iter()
+                    .filter_map(|name| {
+                        let value = self.data.covariate(&name)?.values[row];
+                        Some((name, value))
+                    })
+                    .collect(),
+                beaten_by,
+            });
+        }
+        out.truncate(MOST_RIVALS);
+        out
+    }
+}
+
+/// For each shape parameter whether the data cannot tell it from what else is fitted.
+fn inseparable(
+    left: &Remainder<'_>,
+    form: &Form,
+    table: &Table,
+    columns: &[Column],
+    amplitudes: &[f64],
+) -> Vec<bool> {
+    let shape = form.shape();
+    let of = |shape: &[f64]| {
+        sum(&finite(form.with_shape(shape).evaluate(table, columns)), amplitudes.iter().copied())
+    };
+    let mut beside = finite(form.evaluate(table, columns));
+    (0..shape.len())
+        .map(|k| {
+            let step = 1e-4 * shape[k].abs().max(1e-3);
+            let moved = |sign: f64| {
+                let mut moved = shape.clone();
+                moved[k] += sign * step;
+                of(&moved)
+            };
+            let (above, below) = (moved(1.0), moved(-1.0));
+            let slope: Vec<f64> = above.iter().zip(&below).map(|(a, b)| (a - b) / (2.0 * step)).collect();
+            let before = left.scores(&[beside.clone()])[0].rank;
+            beside.push(slope);
+            let separable = left.scores(&[beside.clone()])[0].rank > before;
+            if !separable {
+                beside.pop();
+            }
+            !separable
+        })
+        .collect()
+}
+
+fn name(number: usize) -> String {
+    format!("found_{number}")
+}
+
+/// Columns times amplitudes, added up.
+fn sum(columns: &[Vec<f64>], amplitudes: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut out = vec![0.0; columns.first().map_or(0, Vec::len)];
+    for (column, amplitude) in columns.iter().zip(amplitudes) {
+        out.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
+    }
+    out
+}

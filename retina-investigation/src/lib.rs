@@ -1,0 +1,27 @@
+//! Formulas for what no known effect explains, proven on data that the search has not seen.
+//!
+//! - [`investigate`]: forms are looked for in one half of a table's groups, and judged by the other half.
+//! - [`Term`]: a formula as a user's effect, with its proof, its rivals and what it says in words.
+//! - [`investigation_text`], [`investigation_json`], [`investigation_page`]: for people and programs.
+
+#[cfg(test)]
+#[path = "../../retina-diagnosis/tests/common/mod.rs"]
+mod campaign;
+mod columns;
+mod direction;
+mod form;
+mod investigate;
+mod law;
+mod outcome;
+mod output;
+mod page;
+mod search;
+mod words;
+
+pub use direction::Direction;
+pub use investigate::{Options, investigate};
+pub use law::Law;
+pub use outcome::{Investigation, Rival, Term, Unproven};
+pub use output::{investigation_json, investigation_text};
+pub use page::investigation_page;
+pub use words::{Origin, Words};

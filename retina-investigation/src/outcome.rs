@@ -1,0 +1,78 @@
+//! What an investigation says.
+
+use retina_diagnosis::{AddedEffect, Fit, Noise, Proof};
+
+use crate::words::Words;
+
+/// A formula that the data cannot tell from the one that is given.
+#[derive(Debug, Clone)]
+pub struct Rival {
+    /// As a user's effect: the text of a TOML file.
+    pub effect: String,
+    /// Columns it depends on.
+    pub covariates: Vec<String>,
+    /// Rms of the difference of the two over the table's rows, in the table's unit.
+    pub difference_rms: f64,
+    /// The row where they differ most: its columns, and the difference.
+    pub differs_at: Vec<(String, f64)>,
+    /// The difference there, in the table's unit.
+    pub differs_by: f64,
+    /// By how many standard errors the given one is better on units left out.
+    pub beaten_by: f64,
+}
+
+/// A formula that was found and proven.
+#[derive(Debug, Clone)]
+pub struct Term {
+    /// Its name.
+    pub name: String,
+    /// As a user's effect, the text of a TOML file: `--effect FILE` takes it.
+    pub effect: String,
+    /// Columns it depends on.
+    pub covariates: Vec<String>,
+    /// What the half says that the search has not seen.
+    pub proof: Proof,
+    /// Rms of what it adds, per component in the table's unit, beside the model.
+    pub rms: f64,
+    /// A formula that was found before and is so much stronger that this one may be only what its laws lack.
+    pub weak_beside: Option<String>,
+    /// Formulas that the data cannot tell from it, simplest first.
+    pub rivals: Vec<Rival>,
+    /// Catalogued effects that are nearly the same here, with the share of its square that they hold.
+    pub alike: Vec<(&'static str, f64)>,
+    /// What it says in words.
+    pub words: Words,
+    /// What it adds to each row, components side by side, in the table's unit.
+    pub field: Vec<f64>,
+}
+
+/// What the search chose and the other half did not confirm.
+#[derive(Debug, Clone)]
+pub struct Unproven {
+    /// As a user's effect.
+    pub effect: String,
+    /// Columns it depends on.
+    pub covariates: Vec<String>,
+    /// What the other half said.
+    pub proof: Proof,
+}
+
+/// The outcome.
+pub struct Investigation {
+    /// Known effects that were found beside the formulas and belong to the model.
+    pub known: Vec<&'static str>,
+    /// Formulas in the order in which they were found.
+    pub terms: Vec<Term>,
+    /// The last that was looked for and not confirmed.
+    pub unproven: Option<Unproven>,
+    /// All effects of the model: those that were given, the known ones, then the formulas.
+    pub model: Vec<AddedEffect>,
+    /// Model and formulas fitted together, with the ladder of held-out errors.
+    pub fit: Fit,
+    /// What the measurements scatter by.
+    pub noise: Noise,
+    /// Forms that were tried in all rounds.
+    pub tried: usize,
+    /// What the user ought to know.
+    pub notes: Vec<String>,
+}

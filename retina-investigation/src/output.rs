@@ -1,0 +1,167 @@
+//! Results as text and JSON.
+
+use retina_diagnosis::{Dataset, Proof, fit_json, fit_text};
+use serde_json::{Value, json};
+
+use crate::outcome::{Investigation, Rival, Term};
+use crate::words::short;
+
+/// What was found, in a word: `found` or `nothing`.
+pub(crate) fn verdict(result: &Investigation) -> &'static str {
+    if result.terms.is_empty() { "nothing" } else { "found" }
+}
+
+/// What was found, in a sentence.
+pub(crate) fn headline(result: &Investigation) -> String {
+    let Some(first) = result.terms.first() else {
+        return "No formula for what is left holds on data that the search has not seen.".to_owned();
+    };
+    let more = match result.terms.len() {
+        1 => String::new(),
+        count => format!(", and {} more", count - 1),
+    };
+    format!(
+        "A formula of {} holds on data that the search has not seen (p = {}){more}.",
+        first.covariates.join(", "),
+        short(first.proof.p_value)
+    )
+}
+
+/// The formula lines of an effect's text.
+pub(crate) fn formula_lines(effect: &str) -> Vec<&str> {
+    effect
+        .lines()
+        .filter(|line| ["dx =", "dy =", "value ="].iter().any(|key| line.starts_with(key)))
+        .collect()
+}
+
+fn proof_text(proof: &Proof) -> String {
+    format!(
+        "p = {}; amplitude there {} +- {} of the one found; {} of the noise",
+        short(proof.p_value),
+        short(proof.ratio),
+        short(proof.ratio_sigma),
+        short(proof.strength)
+    )
+}
+
+/// For people.
+pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String> {
+    let unit = data.kind.unit();
+    let mut out = vec![headline(result), String::new()];
+    if !result.known.is_empty() {
+        out.push(format!("known effects that were found beside it: {}", result.known.join(", ")));
+    }
+    for term in &result.terms {
+        out.push(format!("{}: depends on {}", term.name, term.covariates.join(", ")));
+        out.extend(formula_lines(&term.effect).into_iter().map(|line| format!("    {line}")));
+        out.push(format!("  proof on the other half of the groups: {}", proof_text(&term.proof)));
+        out.extend(term.words.says.iter().map(|sentence| format!("  {sentence}")));
+        if let Some(stronger) = &term.weak_beside {
+            out.push(format!(
+                "  It is weak beside {stronger}: it may be only what the laws of that formula lack, and its columns are not sure."
+            ));
+        }
+        if !term.words.independent_of.is_empty() {
+            out.push(format!("  It does not need {}.", term.words.independent_of.join(", ")));
+        }
+        for (name, share) in &term.alike {
+            out.push(format!(
+                "  The catalogue's {name} is nearly the same here: it holds {:.1} % of its square.",
+                100.0 * share
+            ));
+        }
+        for rival in &term.rivals {
+            out.extend(rival_text(rival, unit));
+        }
+        for origin in &term.words.origins {
+            out.push(format!("  may be: {}", origin.mechanism));
+            out.push(format!("      check: {}", origin.check));
+            out.push(format!("      shown by: {}", origin.instrument));
+        }
+    }
+    if let Some(unproven) = &result.unproven {
+        out.push(format!(
+            "looked for {} and not confirmed, the best form of {}: {}",
+            if result.terms.is_empty() { "a formula" } else { "one more" },
+            unproven.covariates.join(", "),
+            proof_text(&unproven.proof)
+        ));
+    }
+    out.push(format!("{} forms were tried", result.tried));
+    out.push(String::new());
+    out.extend(fit_text(data, &result.fit));
+    out.extend(result.notes.iter().map(|note| format!("note: {note}")));
+    out
+}
+
+fn rival_text(rival: &Rival, unit: &str) -> Vec<String> {
+    let at: Vec<String> =
+        rival.differs_at.iter().map(|(name, value)| format!("{name} = {}", short(*value))).collect();
+    let mut out = vec![format!(
+        "  not told apart from a formula of {}: they differ by {} {unit} rms, most at {} ({} {unit})",
+        rival.covariates.join(", "),
+        short(rival.difference_rms),
+        at.join(", "),
+        short(rival.differs_by)
+    )];
+    out.extend(formula_lines(&rival.effect).into_iter().map(|line| format!("      {line}")));
+    out
+}
+
+fn proof_json(proof: &Proof) -> Value {
+    json!({
+        "p_value": proof.p_value,
+        "ratio": proof.ratio,
+        "ratio_sigma": if proof.ratio_sigma.is_finite() { json!(proof.ratio_sigma) } else { Value::Null },
+        "strength": proof.strength,
+    })
+}
+
+fn term_json(term: &Term) -> Value {
+    json!({
+        "name": term.name,
+        "weak_beside": term.weak_beside,
+        "effect_toml": term.effect,
+        "covariates": term.covariates,
+        "proof": proof_json(&term.proof),
+        "rms": term.rms,
+        "rivals": term.rivals.iter().map(|rival| json!({
+            "effect_toml": rival.effect,
+            "covariates": rival.covariates,
+            "difference_rms": rival.difference_rms,
+            "differs_by": rival.differs_by,
+            "differs_at": rival.differs_at.iter().cloned().collect::<std::collections::BTreeMap<String, f64>>(),
+            "beaten_by": rival.beaten_by,
+        })).collect::<Vec<_>>(),
+        "alike": term.alike.iter().map(|(effect, share)| json!({ "effect": effect, "share": share })).collect::<Vec<_>>(),
+        "says": term.words.says,
+        "independent_of": term.words.independent_of,
+        "origins": term.words.origins.iter().map(|origin| json!({
+            "mechanism": origin.mechanism,
+            "check": origin.check,
+            "instrument": origin.instrument,
+        })).collect::<Vec<_>>(),
+    })
+}
+
+/// `investigate --json`, schema `retina.investigation/1`.
+pub fn investigation_json(data: &Dataset, result: &Investigation) -> Value {
+    json!({
+        "schema": "retina.investigation/1",
+        "table": data.kind.name(),
+        "unit": data.kind.unit(),
+        "verdict": verdict(result),
+        "headline": headline(result),
+        "known": result.known,
+        "terms": result.terms.iter().map(term_json).collect::<Vec<_>>(),
+        "unproven": result.unproven.as_ref().map(|unproven| json!({
+            "effect_toml": unproven.effect,
+            "covariates": unproven.covariates,
+            "proof": proof_json(&unproven.proof),
+        })),
+        "tried": result.tried,
+        "fit": fit_json(data, &result.fit),
+        "notes": result.notes,
+    })
+}

@@ -1,0 +1,419 @@
+//! The search: forms of growing complexity, the best of which are varied and refined.
+
+use std::collections::{HashMap, HashSet};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+use retina_diagnosis::{Halves, LeftOut, Remainder};
+use retina_formats::TableKind;
+
+use crate::columns::{Column, Content, Table};
+use crate::direction::Direction;
+use crate::form::{Factor, Family, Form};
+use crate::law::{Law, Move};
+
+/// Families that are varied in a generation.
+const BEAM: usize = 8;
+/// Families that are refined in a generation.
+const REFINED: usize = 24;
+/// Generations after the first.
+const GENERATIONS: usize = 3;
+/// Most laws in a form.
+const MOST_LAWS: usize = 2;
+/// Most amplitudes of a form.
+const MOST_AMPLITUDES: usize = 8;
+/// Halvings of a refinement's moves.
+const HALVINGS: usize = 6;
+/// Turns of a refinement at most.
+const TURNS: usize = 60;
+/// Parts of a column in which a direction has amplitudes of its own.
+const BINS: usize = 6;
+/// Directions with a column that changes them whose laws are tried.
+const MODULATED: usize = 6;
+/// Forms that are scored at a time, so that their columns stay in memory.
+const BATCH: usize = 64;
+
+/// A form that the search has looked at.
+#[derive(Clone)]
+pub(crate) struct Scored {
+    pub(crate) form: Form,
+    /// What it takes off the sum of squares, less what as many columns and shapes take off noise.
+    pub(crate) merit: f64,
+}
+
+/// What was found: families with their best shapes, best first.
+pub(crate) struct Found {
+    pub(crate) scored: Vec<Scored>,
+    /// Forms that were tried.
+    pub(crate) tried: usize,
+}
+
+/// What a search works on.
+pub(crate) struct Search<'a> {
+    pub(crate) kind: TableKind,
+    pub(crate) columns: &'a [Column],
+    /// The half in which forms are looked for.
+    pub(crate) table: &'a Table,
+    pub(crate) tried: AtomicUsize,
+    pub(crate) progress: &'a (dyn Fn(&str, f64) + Sync),
+}
+
+impl Search<'_> {
+    /// Looks for forms of what is left in the half that is searched.
+    pub(crate) fn run(&self, halves: &Halves) -> Found {
+        let mut best: HashMap<Family, Scored> = HashMap::new();
+        let mut seen: HashSet<String> = HashSet::new();
+        let mut grown: HashSet<Family> = HashSet::new();
+        let mut weights: Vec<Vec<f64>> = Vec::new();
+        let mut forms = self.first();
+        for generation in 0..=GENERATIONS {
+            (self.progress)("searching", generation as f64 / (GENERATIONS + 1) as f64);
+            let unrejected = if generation == 0 { halves.search_unrejected() } else { None };
+            let left = unrejected.unwrap_or_else(|| halves.search(&weights));
+            // What was scored under other weights is scored again.
+            let before: Vec<Form> = best.drain().map(|(_, scored)| scored.form).collect();
+            forms.retain(|form| seen.insert(format!("{form:?}")));
+            let all = before.into_iter().chain(forms).collect::<Vec<_>>();
+            for scored in self.scored(&left, all) {
+                keep(&mut best, scored);
+            }
+            for scored in self.refined(&left, leading(&best, REFINED)) {
+                keep(&mut best, scored);
+            }
+            let top = leading(&best, BEAM);
+            // Noise, outliers and the groups' levels once more, without what the best form explains.
+            weights = top.first().map_or_else(Vec::new, |s| s.form.evaluate(self.table, self.columns));
+            forms = top
+                .iter()
+                .filter(|scored| grown.insert(scored.form.family()))
+                .flat_map(|scored| self.neighbours(&scored.form))
+                .collect();
+            if generation == 0 {
+                forms.extend(self.modulated(&left));
+            }
+            if forms.is_empty() {
+                break;
+            }
+        }
+        let left = halves.search(&weights);
+        let mut all: Vec<Form> = leading(&best, REFINED).into_iter().map(|scored| scored.form).collect();
+        for simpler in all.first().map_or_else(Vec::new, without_one_law) {
+            if self.possible(&simpler) && !all.iter().any(|form| form.family() == simpler.family()) {
+                all.push(simpler);
+            }
+        }
+        let again = self.scored(&left, all);
+        let mut scored = self.refined(&left, again);
+        sort(&mut scored);
+        Found { scored, tried: self.tried.load(Ordering::Relaxed) }
+    }
+
+    /// Forms of one direction and at most one law, and the products of two columns.
+    fn first(&self) -> Vec<Form> {
+        let mut out = Vec::new();
+        let points = self.kind == TableKind::Points;
+        let directions: &[Direction] = if points { &Direction::FIRST } else { &[Direction::Value] };
+        if points {
+            for direction in Direction::PLAIN.into_iter().chain(Direction::SHAPED) {
+                out.extend(self.without_laws(direction));
+            }
+        }
+        for &direction in directions {
+            for factor in self.factors() {
+                out.push(Form { direction, place: Vec::new(), factors: vec![factor] });
+            }
+            for a in 0..self.columns.len() {
+                for b in 0..a {
+                    out.extend(self.product(direction, a, b));
+                }
+            }
+        }
+        out.retain(|form| self.possible(form));
+        out
+    }
+
+    fn without_laws(&self, direction: Direction) -> Vec<Form> {
+        let form = |place| Form { direction, place, factors: Vec::new() };
+        direction.starts().into_iter().map(form).collect()
+    }
+
+    /// Every law of every column at each shape that a search begins at.
+    fn factors(&self) -> Vec<Factor> {
+        (0..self.columns.len()).flat_map(|column| self.factors_of(column)).collect()
+    }
+
+    fn factors_of(&self, column: usize) -> Vec<Factor> {
+        Law::ALL
+            .iter()
+            .flat_map(|&law| {
+                law.starts(&self.columns[column]).into_iter().map(move |shape| Factor { column, law, shape })
+            })
+            .collect()
+    }
+
+    /// Straight lines in two columns multiplied, each about its middle: what no law of one of them shows.
+    fn product(&self, direction: Direction, a: usize, b: usize) -> Option<Form> {
+        let factor = |column: usize| {
+            let of = &self.columns[column];
+            match of.content {
+                Content::Phase => None,
+                Content::Switch => Some(Factor { column, law: Law::Linear, shape: Vec::new() }),
+                _ => Some(Factor { column, law: Law::Linear, shape: vec![of.middle()] }),
+            }
+        };
+        Some(Form { direction, place: Vec::new(), factors: vec![factor(a)?, factor(b)?] })
+    }
+
+    /// Laws of columns times those confined or wavy directions whose amplitude changes most with the column, whatever the
+    /// law: a wave that swings about zero shows in no form without a law.
+    fn modulated(&self, left: &Remainder<'_>) -> Vec<Form> {
+        if self.kind != TableKind::Points {
+            return Vec::new();
+        }
+        let bins: Vec<Vec<usize>> = (0..self.columns.len()).map(|column| self.bins(column)).collect();
+        let charge = left.components().ln();
+        let mut all: Vec<(f64, usize, Form)> = Direction::SHAPED
+            .into_iter()
+            .flat_map(|direction| self.without_laws(direction))
+            .collect::<Vec<_>>()
+            .into_par_iter()
+            .flat_map_iter(|form| {
+                let columns: Vec<Vec<Vec<f64>>> = bins.iter().map(|bins| self.binned(&form, bins)).collect();
+                let scores = left.scores(&columns);
+                scores
+                    .into_iter()
+                    .enumerate()
+                    .map(|(column, score)| {
+                        (score.statistic - charge * score.rank as f64, column, form.clone())
+                    })
+                    .collect::<Vec<_>>()
+            })
+            .collect();
+        self.tried.fetch_add(all.len(), Ordering::Relaxed);
+        all.retain(|(merit, ..)| *merit > 0.0);
+        all.sort_by(|a, b| b.0.total_cmp(&a.0));
+        all.truncate(MODULATED);
+        let of = |(_, column, form): (f64, usize, Form)| {
+            self.factors_of(column)
+                .into_iter()
+                .map(move |factor| Form { factors: vec![factor], ..form.clone() })
+        };
+        all.into_iter().flat_map(of).filter(|form| self.possible(form)).collect()
+    }
+
+    /// For each row the part of a column's sorted values that it is in.
+    fn bins(&self, column: usize) -> Vec<usize> {
+        let values = self.table.column(column);
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let limits: Vec<f64> = (1..BINS).map(|k| sorted[k * sorted.len() / BINS]).collect();
+        values.iter().map(|value| limits.partition_point(|limit| limit <= value)).collect()
+    }
+
+    /// A form's columns, one for each part of the rows.
+    fn binned(&self, form: &Form, bins: &[usize]) -> Vec<Vec<f64>> {
+        let whole = form.evaluate(self.table, self.columns);
+        let n = self.table.components;
+        let part = |column: &[f64], bin: usize| -> Vec<f64> {
+            column.iter().enumerate().map(|(k, v)| if bins[k / n] == bin { *v } else { 0.0 }).collect()
+        };
+        (0..BINS).flat_map(|bin| whole.iter().map(move |column| part(column, bin))).collect()
+    }
+
+    /// Forms that differ in the direction, in a law, by a law more or by one less.
+    fn neighbours(&self, form: &Form) -> Vec<Form> {
+        let mut out = Vec::new();
+        let points = self.kind == TableKind::Points;
+        if points {
+            for direction in Direction::PLAIN {
+                out.push(Form { direction, place: Vec::new(), factors: form.factors.clone() });
+            }
+            if !form.factors.is_empty() {
+                for direction in Direction::SHAPED {
+                    let of = |place| Form { direction, place, factors: form.factors.clone() };
+                    out.extend(direction.starts().into_iter().map(of));
+                }
+            }
+        }
+        for k in 0..form.factors.len() {
+            for factor in self.factors_of(form.factors[k].column) {
+                let mut other = form.clone();
+                other.factors[k] = factor;
+                out.push(other);
+            }
+        }
+        out.extend(without_one_law(form));
+        if form.factors.len() < MOST_LAWS {
+            for factor in self.factors() {
+                let mut more = form.clone();
+                more.factors.push(factor);
+                out.push(more);
+            }
+        }
+        out.retain(|form| self.possible(form));
+        out
+    }
+
+    /// Whether a form says something: not too much, and not one thing twice.
+    fn possible(&self, form: &Form) -> bool {
+        let named = |name: &str| form.factors.iter().any(|f| self.columns[f.column].name == name);
+        let turns = form.direction != Direction::FixedInCamera
+            || self.table.roll_rad.iter().any(|roll| (roll - self.table.roll_rad[0]).abs() > 1e-6);
+        let nothing = form.direction == Direction::Value && form.factors.is_empty();
+        // r is in x and y already, and the logarithm of the light in the light.
+        let twice = form.factors.len() == 2
+            && (form.factors[0].column == form.factors[1].column
+                || (named("r") && (named("x") || named("y"))));
+        form.width() <= MOST_AMPLITUDES && turns && !nothing && !twice && form.allowed(self.columns)
+    }
+
+    fn scored(&self, left: &Remainder<'_>, forms: Vec<Form>) -> Vec<Scored> {
+        self.tried.fetch_add(forms.len(), Ordering::Relaxed);
+        let charge = left.components().ln();
+        // Of as many laws the best takes off as much by chance.
+        let choices: usize = (0..self.columns.len()).map(|column| self.factors_of(column).len()).sum();
+        let charge_of_law = 2.0 * (choices.max(1) as f64).ln();
+        forms
+            .par_chunks(BATCH)
+            .flat_map_iter(|batch| {
+                let columns: Vec<Vec<Vec<f64>>> =
+                    batch.iter().map(|form| finite(form.evaluate(self.table, self.columns))).collect();
+                let scores = left.scores(&columns);
+                batch
+                    .iter()
+                    .zip(scores)
+                    .filter(|(_, score)| score.rank > 0)
+                    .map(|(form, score)| Scored {
+                        form: form.clone(),
+                        merit: score.statistic
+                            - charge * (score.rank + form.free_shapes()) as f64
+                            - charge_of_law * form.factors.len() as f64,
+                    })
+                    .collect::<Vec<_>>()
+            })
+            .collect()
+    }
+
+    /// Forms under other weights, or on other rows, with their shapes moved to where these want them.
+    pub(crate) fn refined_anew(&self, left: &Remainder<'_>, forms: Vec<Form>) -> Vec<Scored> {
+        let mut out = self.refined(left, self.scored(left, forms));
+        sort(&mut out);
+        out
+    }
+
+    /// Moves the shapes of forms, one parameter after the other, as long as their merit grows.
+    fn refined(&self, left: &Remainder<'_>, forms: Vec<Scored>) -> Vec<Scored> {
+        forms.into_par_iter().map(|scored| self.refine(left, scored)).collect()
+    }
+
+    fn refine(&self, left: &Remainder<'_>, mut best: Scored) -> Scored {
+        let mut moves = best.form.moves(self.columns);
+        let mut halvings = 0;
+        for _ in 0..TURNS {
+            let mut moved = false;
+            for k in 0..moves.len() {
+                let Some(step) = moves[k] else { continue };
+                for forth in [true, false] {
+                    let mut shape = best.form.shape();
+                    shape[k] = match step {
+                        Move::By(step) => shape[k] + if forth { step } else { -step },
+                        Move::Times(factor) => shape[k] * if forth { factor } else { 1.0 / factor },
+                    };
+                    let trial = best.form.with_shape(&shape);
+                    if !trial.allowed(self.columns) {
+                        continue;
+                    }
+                    let Some(trial) = self.scored(left, vec![trial]).pop() else { continue };
+                    if trial.merit > best.merit + 1e-9 * best.merit.abs() {
+                        best = trial;
+                        moved = true;
+                        break;
+                    }
+                }
+            }
+            if !moved {
+                halvings += 1;
+                if halvings > HALVINGS {
+                    break;
+                }
+                for step in moves.iter_mut().flatten() {
+                    *step = match *step {
+                        Move::By(step) => Move::By(0.5 * step),
+                        Move::Times(factor) => Move::Times(factor.sqrt()),
+                    };
+                }
+            }
+        }
+        best
+    }
+}
+
+/// A form with one law less, each of its laws in turn.
+fn without_one_law(form: &Form) -> Vec<Form> {
+    let less = |k| {
+        let mut less = form.clone();
+        less.factors.remove(k);
+        less
+    };
+    (0..form.factors.len()).map(less).collect()
+}
+
+/// Columns without what is no number: a form that has one explains nothing.
+pub(crate) fn finite(mut columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    for column in &mut columns {
+        if column.iter().any(|value| !value.is_finite()) {
+            column.fill(0.0);
+        }
+    }
+    columns
+}
+
+fn keep(best: &mut HashMap<Family, Scored>, scored: Scored) {
+    match best.get_mut(&scored.form.family()) {
+        Some(known) if known.merit >= scored.merit => {}
+        Some(known) => *known = scored,
+        None => {
+            best.insert(scored.form.family(), scored);
+        }
+    }
+}
+
+/// Best first; equals in the order of their families, so that the same seed gives the same answer.
+fn sort(scored: &mut [Scored]) {
+    scored.sort_by(|a, b| b.merit.total_cmp(&a.merit).then_with(|| a.form.family().cmp(&b.form.family())));
+}
+
+fn leading(best: &HashMap<Family, Scored>, count: usize) -> Vec<Scored> {
+    let mut all: Vec<Scored> = best.values().cloned().collect();
+    sort(&mut all);
+    all.truncate(count);
+    all
+}
+
+/// Part of a formula's rms below which something more is as likely what its laws lack: no form is known to be better.
+pub(crate) const WEAK: f64 = 0.15;
+
+/// The simplest form whose error on units left out is within a standard error of that of the first (L. Breiman et al.,
+/// Classification and Regression Trees, 1984, sec. 3.4.3), which has the most merit; with all those errors. A form with
+/// fewer laws is also taken where all else is weak.
+pub(crate) fn simplest(
+    left: &Remainder<'_>,
+    search: &Search<'_>,
+    found: &[Scored],
+) -> Option<(usize, Vec<LeftOut>)> {
+    let errors: Vec<LeftOut> = found
+        .par_iter()
+        .map(|scored| left.left_out(&finite(scored.form.evaluate(search.table, search.columns))))
+        .collect();
+    let first = errors.first()?;
+    let before = left.left_out(&[]).total();
+    let nearly = |k: usize| {
+        let explained = |errors: &LeftOut| before - errors.total();
+        found[k].form.factors.len() < found[0].form.factors.len()
+            && explained(&errors[k]) >= (1.0 - WEAK * WEAK) * explained(first)
+    };
+    let simplest = (0..errors.len())
+        .filter(|&k| errors[k].beaten_by(first) <= 1.0 || nearly(k))
+        .min_by_key(|&k| (found[k].form.complexity(), k))?;
+    Some((simplest, errors))
+}

@@ -1,0 +1,230 @@
+//! A form in words: what it does, and where such errors come from.
+
+use retina_diagnosis::Dataset;
+use serde::Deserialize;
+
+use crate::columns::{Column, Content, rounded};
+use crate::direction::Direction;
+use crate::form::{Factor, Form};
+use crate::law::Law;
+
+/// What a formula says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Words {
+    /// One sentence for the direction and one for each law.
+    pub says: Vec<String>,
+    /// Columns that vary in the table and that the formula does not need.
+    pub independent_of: Vec<String>,
+    /// Where such errors come from, likeliest first.
+    pub origins: Vec<Origin>,
+}
+
+/// A mechanism that makes errors of a form.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Origin {
+    /// What it is.
+    pub mechanism: String,
+    /// How one sees whether it is that.
+    pub check: String,
+    /// What would show it directly.
+    pub instrument: String,
+    /// Columns it acts through; each has to be in the formula. `any` stands for any column.
+    columns: Vec<String>,
+    /// Directions it has, by their names; empty: any.
+    #[serde(default)]
+    directions: Vec<String>,
+    /// Laws it follows, by their names; empty: any.
+    #[serde(default)]
+    laws: Vec<String>,
+}
+
+#[derive(Deserialize)]
+struct Origins {
+    origin: Vec<Origin>,
+}
+
+/// The list, as the project keeps it.
+const ORIGINS: &str = include_str!("origins.toml");
+/// Most origins that are named.
+const MOST_ORIGINS: usize = 3;
+
+/// All mechanisms.
+fn origins() -> Vec<Origin> {
+    // A test reads the list.
+    toml::from_str::<Origins>(ORIGINS).map(|list| list.origin).unwrap_or_default()
+}
+
+/// A formula in words.
+pub(crate) fn words(
+    form: &Form,
+    columns: &[Column],
+    data: &Dataset,
+    amplitudes: &[f64],
+    strength: f64,
+) -> Words {
+    let unit = data.kind.unit();
+    let mut says = vec![direction(form, amplitudes, unit)];
+    for factor in &form.factors {
+        says.push(law(factor, &columns[factor.column]));
+    }
+    says.push(format!("Its rms beside the model is {strength:.2} of the noise."));
+    let own = form.covariates(columns);
+    let independent_of =
+        data.screened_columns().into_iter().filter(|name| !own.iter().any(|o| o == name)).map(str::to_owned);
+    Words { says, independent_of: independent_of.collect(), origins: likely(form, &own) }
+}
+
+/// Mechanisms whose columns are in the formula; those that agree in direction and law first.
+fn likely(form: &Form, own: &[String]) -> Vec<Origin> {
+    let direction = format!("{:?}", form.direction);
+    let laws: Vec<String> = form.factors.iter().map(|factor| format!("{:?}", factor.law)).collect();
+    // Fields of errors always depend on the place: a mechanism that names no place is one of the others.
+    let others: Vec<&String> = own.iter().filter(|name| !["x", "y"].contains(&name.as_str())).collect();
+    let mut fitting: Vec<(usize, Origin)> = origins()
+        .into_iter()
+        .filter_map(|origin| {
+            let known = |name: &String| name == "any" || own.contains(name);
+            let covers = others.iter().all(|own| origin.columns.iter().any(|c| c == *own || c == "any"));
+            let directed = origin.directions.is_empty() || origin.directions.contains(&direction);
+            let lawful = origin.laws.is_empty() || laws.iter().any(|law| origin.laws.contains(law));
+            if !origin.columns.iter().all(known) || !covers || !directed {
+                return None;
+            }
+            let general = usize::from(origin.columns.iter().any(|c| c == "any"));
+            let named = usize::from(!origin.directions.is_empty()) + usize::from(!origin.laws.is_empty());
+            Some((10 * general + 4 * usize::from(!lawful) + 2 - named, origin))
+        })
+        .collect();
+    fitting.sort_by_key(|(distance, _)| *distance);
+    fitting.into_iter().map(|(_, origin)| origin).take(MOST_ORIGINS).collect()
+}
+
+fn direction(form: &Form, amplitudes: &[f64], unit: &str) -> String {
+    let size = amplitudes.iter().map(|a| a * a).sum::<f64>().sqrt();
+    // Along a fixed direction the first two amplitudes tell it, whatever the law's sign.
+    let angle = || match amplitudes {
+        [x, y] => format!(", along {:.0} deg from x towards y", y.atan2(*x).to_degrees().rem_euclid(180.0)),
+        _ => String::new(),
+    };
+    let centre = || {
+        format!(
+            "the place ({:.2}, {:.2}), within {:.2} of half the width",
+            form.place[0], form.place[1], form.place[2]
+        )
+    };
+    match form.direction {
+        Direction::Value => {
+            format!("It is a value of each reading, of {size:.3} {unit} where its laws are 1.")
+        }
+        Direction::Fixed => {
+            format!("It shifts all points of an exposure with the same settings alike{}.", angle())
+        }
+        Direction::FixedInCamera => {
+            format!("It shifts points the same way in axes that turn with the camera{}.", angle())
+        }
+        Direction::Radial => {
+            "It moves points along the radius, in proportion to it: a change of scale.".to_owned()
+        }
+        Direction::Tangential => "It turns the field about the axis.".to_owned(),
+        Direction::StretchX => "It stretches the field along x.".to_owned(),
+        Direction::StretchY => "It stretches the field along y.".to_owned(),
+        Direction::ShearX => "It moves points along x in proportion to y.".to_owned(),
+        Direction::ShearY => "It moves points along y in proportion to x.".to_owned(),
+        Direction::Anamorphic => "It stretches the field along one axis and squeezes it across.".to_owned(),
+        Direction::Linear => "It is a linear change of the field: scale, turn, stretch or shear.".to_owned(),
+        Direction::Tilted => "It is the field of a plane that tilts.".to_owned(),
+        Direction::Prism => format!("It grows as the radius squared, the same way everywhere{}.", angle()),
+        Direction::Dent => format!("It moves points away from, or towards, {}.", centre()),
+        Direction::Swirl => format!("It turns points about {}.", centre()),
+        Direction::Spot => format!("It shifts points about {}{}.", centre(), angle()),
+        Direction::Wave => {
+            let (kx, ky) = (form.place[0], form.place[1]);
+            format!(
+                "It is a wave over the field of {:.3} of half the width, across {:.0} deg from x towards y.",
+                std::f64::consts::TAU / kx.hypot(ky),
+                ky.atan2(kx).to_degrees()
+            )
+        }
+    }
+}
+
+fn law(factor: &Factor, column: &Column) -> String {
+    let name = match column.name.as_str() {
+        "F" => "the irradiance F",
+        "r" => "the radius r",
+        name => name,
+    };
+    let of = |value: f64| {
+        let unit = column.unit.as_deref().map_or_else(String::new, |unit| format!(" {unit}"));
+        format!("{}{unit}", short(value))
+    };
+    let shape = &factor.shape;
+    match factor.law {
+        Law::Linear if column.content == Content::Switch => format!("It is there where {name} is 1."),
+        Law::Linear => format!("It is linear in {name}, and 0 at {}.", of(shape[0])),
+        Law::Square => format!("It grows as the square of {name} from {}.", of(shape[0])),
+        Law::Cubic => format!("It grows as the cube of {name} from {}.", of(shape[0])),
+        Law::Power if shape[0] < 0.0 => {
+            format!(
+                "It falls with {name}, as its power {}: the darker or smaller, the larger.",
+                short(shape[0])
+            )
+        }
+        Law::Power if shape[0] < 0.8 => {
+            format!("It grows slower than {name}, as its power {}.", short(shape[0]))
+        }
+        Law::Power if shape[0] <= 1.2 => format!("It grows in proportion to {name}."),
+        Law::Power => format!("It grows faster than {name}, as its power {}.", short(shape[0])),
+        Law::Logarithm => format!("It goes with the logarithm of {name}."),
+        Law::Decay => format!("It dies away with {name}, by a factor e in {}.", of(shape[0])),
+        Law::Growth => format!("It sets in towards large {name}, by a factor e in {}.", of(shape[0])),
+        Law::Saturation => {
+            format!("It grows with {name} and saturates: half of it is reached at {}.", of(shape[0]))
+        }
+        Law::Edge => {
+            format!(
+                "It goes from one value to another about {name} = {}, within {}.",
+                of(shape[0]),
+                of(shape[1])
+            )
+        }
+        Law::Step => format!("It jumps at {name} = {}.", of(shape[0])),
+        Law::Bump => format!("It is confined to {name} about {}, within {}.", of(shape[0]), of(shape[1])),
+        Law::Periodic => format!("It repeats itself in {name} every {}.", of(shape[0])),
+        Law::Hinge => format!("It sets in at {name} = {} and grows from there.", of(shape[0])),
+        Law::Absolute => format!("It grows with {name} on both sides of {}.", of(shape[0])),
+    }
+}
+
+/// A number to three digits.
+pub(crate) fn short(value: f64) -> String {
+    let size = value.abs();
+    if size != 0.0 && !(1e-3..1e6).contains(&size) {
+        return format!("{value:.2e}");
+    }
+    let digits = if size == 0.0 { 0 } else { (2 - size.log10().floor() as i32).max(0) as usize };
+    let text = format!("{:.*}", digits, rounded(value));
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_list_of_origins_is_read() {
+        let list: Origins = toml::from_str(ORIGINS).unwrap();
+        assert!(list.origin.len() >= 20);
+        let laws: Vec<String> = Law::ALL.iter().map(|law| format!("{law:?}")).collect();
+        for origin in &list.origin {
+            assert!(!origin.columns.is_empty(), "{}", origin.mechanism);
+            assert!(origin.laws.iter().all(|law| laws.contains(law)), "{}", origin.mechanism);
+        }
+    }
+
+    #[test]
+    fn numbers_have_three_digits() {
+        assert_eq!([0.012_345, 1.0, 123.456, 2.5e-7].map(short), ["0.0123", "1", "123", "2.50e-7"]);
+    }
+}

@@ -1,0 +1,167 @@
+//! Investigations of tables with a formula that nobody knows, with a known effect, and with nothing.
+
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
+
+#[path = "../../retina-diagnosis/tests/common/mod.rs"]
+mod common;
+
+use std::fmt::Write as _;
+
+use common::{ARCSEC, Campaign, Point, dataset, setup};
+use glam::DVec2;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution as _, StandardNormal};
+use retina_diagnosis::{AddedEffect, Covariate, Dataset, Pixels, White, fit};
+use retina_investigation::{Investigation, Options, investigate, investigation_json, investigation_text};
+
+const HALF: f64 = 0.1413;
+
+fn asked(data: &Dataset) -> Investigation {
+    investigate(data, &[], &Options::default(), &|_, _| {}).unwrap()
+}
+
+/// A field that turns about the axis, the more the more light there is, and saturates.
+fn turning(p: &Point) -> DVec2 {
+    p.r + p.r.perp() / HALF * (6.0 * p.f / (p.f + 0.08) * ARCSEC)
+}
+
+#[test]
+fn a_hidden_formula_of_points_is_found_and_holds_elsewhere() {
+    let (setup, mut campaign) = (setup(), Campaign::new(11));
+    let data = campaign.data(&setup, &turning);
+    let found = asked(&data);
+    assert_eq!(found.known, Vec::<&str>::new());
+    let term = &found.terms[0];
+    assert!(term.covariates.contains(&"log10_irradiance".to_owned()), "{:?}", term.covariates);
+    assert!(found.terms.iter().all(|t| !t.covariates.iter().any(|c| c == "time_s" || c == "temperature_c")));
+    assert!(term.proof.p_value <= 0.001, "{:?}", term.proof);
+    assert!((term.proof.ratio - 1.0).abs() < 4.0 * term.proof.ratio_sigma, "{:?}", term.proof);
+    assert!(!term.words.says.is_empty() && !term.words.origins.is_empty());
+    assert!(term.words.independent_of.contains(&"time_s".to_owned()));
+
+    // The user's file on another campaign, without any of the search: it takes the error down to the noise.
+    campaign.seed = 12;
+    let fresh = campaign.data(&setup, &turning);
+    let model = [AddedEffect::of_text(&term.name, &term.effect, &fresh).unwrap()];
+    let (with, without) = (fit(&fresh, &model).unwrap(), fit(&fresh, &[]).unwrap());
+    let nothing = fit(&campaign.data(&setup, &|p| p.r), &[]).unwrap();
+    assert!(with.heldout_rms < 1.02 * nothing.heldout_rms, "{} {}", with.heldout_rms, nothing.heldout_rms);
+    assert!(without.heldout_rms > 1.1 * nothing.heldout_rms, "{}", without.heldout_rms);
+
+    // The same again gives the same answer.
+    let again = asked(&data);
+    assert_eq!(investigation_text(&data, &again), investigation_text(&data, &found));
+    let json = investigation_json(&data, &found);
+    assert_eq!(json["schema"], "retina.investigation/1");
+    assert_eq!(json["verdict"], "found");
+}
+
+#[test]
+fn noise_has_no_formula() {
+    // One table in fifty has one by chance: these have none.
+    for seed in [101, 102, 103] {
+        let data = Campaign::new(seed).data(&setup(), &|p| p.r);
+        let found = asked(&data);
+        assert!(found.terms.is_empty() && found.known.is_empty(), "{:?}", investigation_text(&data, &found));
+        assert!(investigation_text(&data, &found)[0].starts_with("No formula"));
+    }
+}
+
+#[test]
+fn a_known_effect_in_disguise_is_called_by_its_name() {
+    // Thermal expansion of a mount: the catalogue has it.
+    let along = DVec2::new(0.8, 0.6);
+    let moved = |p: &Point| p.r + along * (3.0 * (p.temperature_c - 20.0) * ARCSEC);
+    let data = Campaign::new(31).data(&setup(), &moved);
+    let found = asked(&data);
+    assert_eq!(found.known, ["thermal_boresight"]);
+    assert!(found.terms.is_empty(), "{:?}", investigation_text(&data, &found));
+}
+
+#[test]
+fn few_exposures_are_refused_with_what_is_needed() {
+    let mut campaign = Campaign::new(41);
+    (campaign.rows, campaign.exposures) = (30, 10);
+    let data = campaign.data(&setup(), &|p| p.r);
+    let refused = investigate(&data, &[], &Options::default(), &|_, _| {}).err().unwrap();
+    assert!(refused.problem.contains("too few groups"), "{refused:?}");
+    assert!(refused.help.is_some() && refused.expected.is_some());
+}
+
+/// Readings of a power meter that grow with the humidity, the more the larger the square is.
+fn readings(strength: f64, seed: u64) -> String {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut text = String::from("channel,digital_count,square_px,irradiance_w_m2,series,time_s,humidity\n");
+    for series in 0..24 {
+        let humidity: f64 = random.random_range(30.0..70.0);
+        for (k, count) in [8.0f64, 24.0, 60.0, 120.0, 255.0].into_iter().cycle().take(20).enumerate() {
+            let side = [20.0f64, 60.0, 100.0, 200.0][(series + k) % 4];
+            let wet = ((humidity - 50.0) / 20.0) * (side / 200.0).sqrt();
+            let noise: f64 = StandardNormal.sample(&mut random);
+            let light = side * side * (count / 255.0).powf(2.2);
+            let read = light * (1.0 + strength * wet) * (1.0 + 0.004 * noise) * 2e-9;
+            let time_s = 30 * (20 * series + k);
+            let _ = writeln!(text, "w,{count},{side},{read:e},s{series:02},{time_s},{humidity:.2}");
+        }
+    }
+    text
+}
+
+#[test]
+fn a_hidden_formula_of_power_readings_is_found() {
+    let setup = setup();
+    let data = dataset(&setup, &readings(0.02, 51));
+    let found = asked(&data);
+    assert!(!found.terms.is_empty(), "{:?}", investigation_text(&data, &found));
+    assert!(found.terms[0].covariates.contains(&"humidity".to_owned()), "{:?}", found.terms[0].covariates);
+    assert!(found.terms[0].proof.p_value <= 0.01);
+    let nothing = asked(&dataset(&setup, &readings(0.0, 52)));
+    assert!(nothing.terms.is_empty());
+}
+
+/// Pixels of a disc, predicted to the shape of a cosine; `error` is what the prediction lacks, of place and level.
+fn pixels(error: &dyn Fn(DVec2, f64) -> f64, seed: u64) -> Dataset {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut pixels = Pixels { pitch_px: 1.0, least_noise: 0.3, ..Pixels::default() };
+    let (mut columns, mut white) = (vec![Vec::new(); 3], Vec::new());
+    for tile in 0..64 {
+        let mut count = 0;
+        for k in 0..64 {
+            let at = DVec2::new((tile % 8 * 8 + k % 8) as f64, (tile / 8 * 8 + k / 8) as f64);
+            let off = (at - DVec2::splat(32.0)).length() / 32.0;
+            if off >= 0.98 {
+                continue;
+            }
+            count += 1;
+            let level = 200.0 * (1.0 - off * off).sqrt();
+            let noise: f64 = StandardNormal.sample(&mut random);
+            pixels.predicted.push(level);
+            pixels.measured.push(level + error(at, level) + noise);
+            pixels.place.push([0.0, at.x, at.y]);
+            pixels.noise_key.push(level.ln());
+            [at.x, at.y, level].into_iter().zip(&mut columns).for_each(|(v, c)| c.push(v));
+            white.push(1.0);
+        }
+        if count > 0 {
+            pixels.groups.push((format!("tile {tile}"), count));
+        }
+    }
+    let names = ["camera_x_px", "camera_y_px", "level_dn"];
+    let named = |(name, values): (&&str, Vec<f64>)| Covariate { name: (*name).to_owned(), values };
+    pixels.covariates = names.iter().zip(columns).map(named).collect();
+    pixels.white = Some(White { sigma_dn: white, source: "made".to_owned() });
+    Dataset::of_pixels(pixels).unwrap()
+}
+
+#[test]
+fn a_hidden_formula_of_pixels_is_found() {
+    // A glow at one side that a black level cuts off: light of place and count.
+    let glow = |at: DVec2, level: f64| 4.0 * (-at.x / 15.0).exp() * level / (level + 40.0);
+    let data = pixels(&glow, 61);
+    let found = asked(&data);
+    assert!(!found.terms.is_empty(), "{:?}", investigation_text(&data, &found));
+    assert!(found.terms[0].covariates.contains(&"camera_x_px".to_owned()), "{:?}", found.terms[0].covariates);
+    let nothing = asked(&pixels(&|_, _| 0.0, 62));
+    assert!(nothing.terms.is_empty());
+}
