@@ -320,6 +320,7 @@ async fn job(State(app): Shared, Path((id, what)): Path<(String, String)>) -> An
         let session = app.store.get(&id)?;
         match what.as_str() {
             "diagnose" => session.look_again(),
+            "investigate" => session.look_for_formula(),
             "cancel" => session.cancel(),
             "next" => session.measure_next()?,
             _ => return Err(Refusal::not_found("such job")),

@@ -16,7 +16,7 @@ fn stride(data: &Dataset) -> usize {
 
 fn body(header: &Value, columns: impl IntoIterator<Item = Vec<f32>>) -> Vec<u8> {
     let mut text = header.to_string();
-    while text.len() % 4 != 0 {
+    while !text.len().is_multiple_of(4) {
         text.push(' ');
     }
     let mut out = u32::try_from(text.len()).unwrap_or(u32::MAX).to_le_bytes().to_vec();

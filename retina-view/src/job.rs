@@ -19,6 +19,8 @@ pub(crate) enum Kind {
     Read,
     /// Candidates are looked for.
     Diagnose,
+    /// Formulas are looked for.
+    Investigate,
 }
 
 impl Kind {
@@ -27,6 +29,7 @@ impl Kind {
             Self::Bench => "bench",
             Self::Read => "read",
             Self::Diagnose => "diagnose",
+            Self::Investigate => "investigate",
         }
     }
 }

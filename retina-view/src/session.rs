@@ -1,5 +1,7 @@
 //! A session: its inputs, what was computed of them, and its job.
 
+mod news;
+
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -8,7 +10,7 @@ use retina::workbench::{GivenCalibration, GivenEffect, Input, Measured, TableMat
 use retina_diagnosis::{AddedEffect, DiagnoseOptions, Diagnosis, Fit, diagnose, fit};
 use retina_files::{InputError, hash_bytes, write_atomic};
 use retina_geometry::Setup;
-use serde_json::{Value, json};
+use retina_investigation::{Investigation, Options, investigate};
 use tokio::sync::watch;
 
 use crate::bench::{campaign_beside, measure};
@@ -44,6 +46,7 @@ struct Inner {
     job: Option<Job>,
     fits: Kept<Fit>,
     diagnoses: Kept<Diagnosis>,
+    investigations: Kept<Investigation>,
 }
 
 /// See the module.
@@ -73,6 +76,7 @@ impl Session {
             job: None,
             fits: Kept(Vec::new()),
             diagnoses: Kept(Vec::new()),
+            investigations: Kept(Vec::new()),
         };
         Arc::new(Self {
             id,
@@ -184,6 +188,26 @@ impl Session {
         Ok(())
     }
 
+    /// The formulas that were found beside the model that is looked at, if they were looked for.
+    pub(crate) fn investigation(&self) -> Option<Arc<Investigation>> {
+        let inner = lock(&self.inner);
+        inner.investigations.get(inner.state.model())
+    }
+
+    fn investigate(&self, watch: &Watch) -> Result<(), Refusal> {
+        let (material, model) = (self.material()?, self.state().model().clone());
+        let added = self.added(&model, &material)?;
+        let progress =
+            |_: &str, share: f64| self.report(watch, Kind::Investigate, (100.0 * share) as usize, 100);
+        let result = investigate(&material.data, &added, &Options::default(), &progress)?;
+        watch.check();
+        let mut inner = lock(&self.inner);
+        if inner.material.as_ref().is_some_and(|own| Arc::ptr_eq(own, &material)) {
+            inner.investigations.put(model, Arc::new(result));
+        }
+        Ok(())
+    }
+
     // ---- jobs
 
     fn start(
@@ -276,6 +300,16 @@ impl Session {
     pub(crate) fn look_again(self: &Arc<Self>) {
         let kind = if lock(&self.inner).material.is_some() { Kind::Diagnose } else { Kind::Read };
         self.start(kind, Self::go_through);
+    }
+
+    /// Looks for a formula of what the model leaves.
+    pub(crate) fn look_for_formula(self: &Arc<Self>) {
+        if self.investigation().is_none() {
+            self.start(Kind::Investigate, |session, watch| {
+                session.report(watch, Kind::Investigate, 0, 100);
+                session.investigate(watch)
+            });
+        }
     }
 
     /// Gives the job up.
@@ -400,50 +434,8 @@ impl Session {
         let mut inner = lock(&self.inner);
         inner.material = None;
         (inner.fits, inner.diagnoses) = (Kept(Vec::new()), Kept(Vec::new()));
+        inner.investigations = Kept(Vec::new());
         Ok(())
-    }
-
-    /// All that a window shows of the session beside rows and fits.
-    pub(crate) fn json(&self) -> Value {
-        let diagnosis = self.diagnosis();
-        let can_measure = self.can_measure();
-        let revision = *self.revision.borrow();
-        let inner = lock(&self.inner);
-        let phase = match (&inner.material, &inner.problem) {
-            (_, Some(_)) => "failed",
-            (None, None) => "loading",
-            (Some(_), None) => "ready",
-        };
-        let state = &inner.state;
-        let effects = |model: &Model| -> Value {
-            model
-                .iter()
-                .map(|text| json!({ "text": text, "name": effect_name(text), "own": is_own(text) }))
-                .collect()
-        };
-        let found = match (&diagnosis, &inner.material) {
-            (Some(diagnosis), Some(material)) => crate::export::diagnosis_json(&material.data, diagnosis),
-            _ => Value::Null,
-        };
-        json!({
-            "id": self.id,
-            "name": state.name,
-            "revision": revision,
-            "phase": phase,
-            "problem": inner.problem.as_ref().map(Refusal::body),
-            "job": inner.job.as_ref().map(|job| json!({ "kind": job.kind.name(), "done": job.done, "total": job.total })),
-            "inputs": {
-                "setup": file_name(&state.setup),
-                "tables": state.tables.iter().map(|table| file_name(table)).collect::<Vec<_>>(),
-                "calibration": state.calibration.as_ref().map(|path| file_name(path)),
-                "baseline": state.baseline,
-                "bench": state.campaign.is_some(),
-            },
-            "models": state.models.iter().map(effects).collect::<Vec<_>>(),
-            "at": state.at,
-            "diagnosis": found,
-            "can_measure": can_measure,
-        })
     }
 }
 

@@ -25,7 +25,7 @@ export interface Quantity {
 }
 
 export interface Physical {
-  called: string;
+  called: string | null;
   parameter: string;
   value: number;
   unit: string;
@@ -61,6 +61,27 @@ export interface Diagnosis {
   notes: string[];
 }
 
+export interface Term {
+  name: string;
+  effect_toml: string;
+  covariates: string[];
+  proof: { p_value: number; ratio: number; ratio_sigma: number | null; strength: number };
+  weak_beside: string | null;
+  rivals: { effect_toml: string; covariates: string[]; difference_rms: number }[];
+  says: string[];
+  independent_of: string[];
+  origins: { mechanism: string; check: string; instrument: string }[];
+}
+
+export interface Investigation {
+  headline: string;
+  verdict: "found" | "nothing";
+  unit: string;
+  known: string[];
+  terms: Term[];
+  tried: number;
+}
+
 export interface ModelEffect {
   text: string;
   name: string;
@@ -73,11 +94,12 @@ export interface SessionNews {
   revision: number;
   phase: "loading" | "ready" | "failed";
   problem: Problem | null;
-  job: { kind: "bench" | "read" | "diagnose"; done: number; total: number } | null;
+  job: { kind: "bench" | "read" | "diagnose" | "investigate"; done: number; total: number } | null;
   inputs: { setup: string; tables: string[]; calibration: string | null; baseline: string; bench: boolean };
   models: ModelEffect[][];
   at: number;
   diagnosis: Diagnosis | null;
+  investigation: Investigation | null;
   can_measure: boolean;
 }
 

@@ -2,6 +2,7 @@
 
 import type { Candidate, Diagnosis, SessionNews } from "./api";
 import { h } from "./dom";
+import { formulas, type FormulaActions } from "./found";
 import { told } from "./rows";
 
 export interface CandidateActions {
@@ -9,6 +10,7 @@ export interface CandidateActions {
   preview: (effect: string | null) => void;
   measure: () => void;
   look: () => void;
+  formulas: FormulaActions;
 }
 
 /** Candidates that are shown before the rest is asked for. */
@@ -32,6 +34,7 @@ export function candidates(news: SessionNews, previewed: string | null, actions:
     nextCard(news, found, actions),
     list.length === 0 ? h("p", {}, "No further effect of the catalogue can be tried on this table.") : null,
     h("ol", { class: "candidates" }, ...list.slice(0, FIRST).map(card)),
+    formulas(news, actions.formulas),
     rest.length > 0
       ? h("details", {}, h("summary", { "data-key": "more" }, `${rest.length} less likely ones`), h("ol", { class: "candidates" }, ...rest.map(card)))
       : null,
@@ -74,7 +77,7 @@ function candidateCard(candidate: Candidate, found: Diagnosis, previewed: boolea
     ),
     candidate.implausible.length > 0 ? h("p", { class: "bad" }, `Not plausible: ${candidate.implausible.map((one) => one.parameter).join(", ")}`) : null,
     mistaken.length > 0 ? h("p", { class: "dim" }, `Mistaken for: ${mistaken.join(", ")}`) : null,
-    physical ? h("p", {}, `${physical.called}: ${told(physical.value)}${physical.sigma === null ? "" : ` \u00b1 ${told(physical.sigma)}`} ${physical.unit}. ${physical.remedy}`) : null,
+    physical ? h("p", {}, `${physical.called ?? physical.parameter.replaceAll("_", " ")}: ${told(physical.value)}${physical.sigma === null ? "" : ` \u00b1 ${told(physical.sigma)}`} ${physical.unit}. ${physical.remedy}`) : null,
     previewed
       ? h(
           "div",

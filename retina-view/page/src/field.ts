@@ -46,6 +46,8 @@ export class Field {
   show(shown: FieldShown): void {
     this.shown = shown;
     const height = shown.data.half_height ?? 1;
+    // As high as the plot with its labels needs.
+    this.plot.canvas.style.aspectRatio = `1 / ${(0.88 * height + 0.09).toFixed(3)}`;
     this.plot.axes = {
       x: { low: -1.08, high: 1.08 },
       // Downwards, as the camera's pixels are counted.

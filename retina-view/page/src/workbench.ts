@@ -19,7 +19,7 @@ interface Known {
   rows: ModelRows;
 }
 
-const JOBS = { bench: "Measuring on the bench", read: "Reading the tables", diagnose: "Looking for candidates" };
+const JOBS = { bench: "Measuring on the bench", read: "Reading the tables", diagnose: "Looking for candidates", investigate: "Looking for a formula" };
 
 export class Workbench {
   private news: SessionNews | null = null;
@@ -168,6 +168,10 @@ export class Workbench {
     preview: (effect: string | null) => void this.preview(effect),
     measure: () => this.ask("job/next", {}),
     look: () => this.ask("job/diagnose", {}),
+    formulas: {
+      look: () => this.ask("job/investigate", {}),
+      add: (text: string) => this.ask("formula", { text, add: true }),
+    },
   };
 
   private readonly modelActions = {
