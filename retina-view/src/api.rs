@@ -294,7 +294,11 @@ async fn formula(State(app): Shared, Path(id): Path<String>, Json(formula): Json
             session.add_formula(&formula.text)?;
             return json_of(session.json());
         }
-        json_of(json!({ "name": session.check_formula(&formula.text)? }))
+        // What is half typed does not fit: that is an answer and no failure.
+        match session.check_formula(&formula.text) {
+            Ok(name) => json_of(json!({ "name": name, "problem": null })),
+            Err(refusal) => json_of(json!({ "name": null, "problem": refusal.body() })),
+        }
     })
     .await
 }

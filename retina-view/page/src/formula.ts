@@ -21,9 +21,9 @@ a = { start = 0.001, unit = "relative" }
 `,
   phase: `name = "slope"
 unit = "mag"
-value = "a * phase_deg * pi / 180"
+value = "a * phase_deg"
 [parameters]
-a = { start = 0.01, unit = "mag" }
+a = { start = 0.001, unit = "mag/deg" }
 `,
 };
 
@@ -77,7 +77,9 @@ export class FormulaEditor {
     let problem: Problem | null = null;
     let name = "";
     try {
-      name = (await post<{ name: string }>(`/api/sessions/${this.session()}/formula`, { text: this.text.value, add: false })).name;
+      const checked = await post<{ name: string | null; problem: Problem | null }>(`/api/sessions/${this.session()}/formula`, { text: this.text.value, add: false });
+      problem = checked.problem;
+      name = checked.name ?? "";
     } catch (error) {
       problem = problemOf(error);
     }

@@ -15,11 +15,24 @@ export function modelName(model: ModelEffect[]): string {
   return model.length === 0 ? "baseline" : model.map((effect) => effect.name).join(" + ");
 }
 
+/** Parameters that are shown before the rest is asked for. */
+const FIRST = 4;
+
 function parameterTable(entries: [string, Quantity][], caption: string): HTMLElement {
   const rows = entries.map(([name, { value, sigma }]) =>
     h("tr", {}, h("th", { scope: "row" }, name), h("td", {}, told(value)), h("td", {}, sigma === null ? "chosen" : `\u00b1 ${told(sigma)}`)),
   );
   return h("div", { class: "scroll" }, h("table", {}, h("caption", {}, caption), h("tbody", {}, ...rows)));
+}
+
+/** The first parameters, and the rest behind a line to press. */
+function effectTables(name: string, entries: [string, Quantity][]): Node[] {
+  const caption = `Parameters of ${name}, one standard deviation`;
+  const rest = entries.slice(FIRST);
+  const first = parameterTable(entries.slice(0, FIRST), caption);
+  return rest.length === 0
+    ? [first]
+    : [first, h("details", {}, h("summary", { "data-key": `parameters-${name}` }, `${rest.length} more parameters`), parameterTable(rest, `Further parameters of ${name}`))];
 }
 
 export function modelPanel(news: SessionNews, fit: FitDocument, actions: ModelActions): Node[] {
@@ -40,7 +53,7 @@ export function modelPanel(news: SessionNews, fit: FitDocument, actions: ModelAc
         effect.own ? h("button", { type: "button", "data-key": `edit-${effect.name}`, "aria-label": `Change the formula of ${effect.name}`, click: () => actions.edit(effect.name) }, "Change") : null,
         h("button", { type: "button", "data-key": `remove-${effect.name}`, "aria-label": `Take ${effect.name} out of the model`, click: () => actions.remove(effect.name) }, "Take out"),
       ),
-      parameterTable(own(effect.name), `Parameters of ${effect.name}, one standard deviation`),
+      ...effectTables(effect.name, own(effect.name)),
     ),
   );
   return [

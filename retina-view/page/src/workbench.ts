@@ -321,6 +321,7 @@ export class Workbench {
   /** Fetched first, so that a refusal is told on the page. */
   private async exported(event: Event, what: string): Promise<void> {
     event.preventDefault();
+    this.header.querySelector(".menu")?.removeAttribute("open");
     try {
       const text = await getText(`/api/sessions/${this.id}/export/${what}`);
       if (what === "commands.txt") {
