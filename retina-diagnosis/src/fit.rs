@@ -7,6 +7,7 @@ use retina_files::InputError;
 use crate::added::{AddedEffect, Adjusted, adjusted};
 use crate::data::Dataset;
 use crate::estimate::{Parameter, estimate};
+use crate::linear::dot;
 use crate::noise::robust_fit;
 use crate::own::evaluate;
 use crate::scatter::{Noise, noise};
@@ -43,6 +44,11 @@ pub struct Fit {
 }
 
 impl Fit {
+    /// Rms of what the effects add, per component in the table's unit.
+    pub fn effect_rms(&self) -> f64 {
+        (dot(&self.effect, &self.effect) / self.effect.len().max(1) as f64).sqrt()
+    }
+
     /// Refuses to write row by row what was fitted to a part of the rows.
     pub(crate) fn check_covers(&self, path: &Path, data: &Dataset) -> Result<(), InputError> {
         if !data.in_part && self.outlier.len() == data.len() {

@@ -31,7 +31,7 @@ impl Default for Options {
 }
 
 /// Level at which a first formula is taken for proven, and further ones.
-const LEVEL: [f64; 2] = [0.02, 0.01];
+const LEVEL: [f64; 2] = [0.015, 0.01];
 /// Families that are judged beside the first.
 const JUDGED: usize = 12;
 /// Level at which another form may take the place of the one that the search chose.
@@ -82,14 +82,18 @@ pub fn investigate(
             break;
         }
     }
-    let fit = fit(data, &out.model)?;
+    let mut model = out.known_effects();
+    for term in &out.terms {
+        model.push(AddedEffect::of_text(&term.name, &term.effect, data)?);
+    }
+    let fit = fit(data, &model)?;
     Ok(Investigation {
         known: out.known,
         noise: fit.noise.clone(),
         terms: out.terms,
         unproven: out.unproven,
         fit,
-        model: out.model,
+        model,
         tried: out.tried,
         notes: out.notes,
     })
@@ -125,8 +129,10 @@ impl Rounds<'_> {
     /// Adds what a diagnosis of what is left accepts; false where it accepts nothing.
     fn diagnosed(&mut self) -> Result<bool, InputError> {
         (self.progress)("looking for known effects", 0.95);
-        // Those of images change the prediction, which is made anew with each: the caller's to do.
-        if self.known.len() >= MOST_KNOWN || self.data.kind == TableKind::Frames {
+        // Where nothing was found it would only say again what `diagnose` says, with its own rate of false alarms. Effects
+        // of images change the prediction, which is made anew with each: the caller's to do.
+        let nothing = self.model.is_empty() || self.data.kind == TableKind::Frames;
+        if nothing || self.known.len() >= MOST_KNOWN {
             return Ok(false);
         }
         let options = DiagnoseOptions { seed: self.options.seed, ..DiagnoseOptions::default() };
@@ -277,11 +283,30 @@ impl Rounds<'_> {
         let strength = (beside.iter().map(|v| v * v).sum::<f64>() / left.components()).sqrt();
         let words = words(own, columns, self.data, &amplitudes, strength);
         let covariates = own.covariates(columns);
-        let weak_beside =
-            self.terms.iter().find(|before| rms < WEAK * before.rms).map(|before| before.name.clone());
+        let weak_beside = self.weak_beside(rms)?;
         let term =
             Term { name, effect: text, covariates, proof, rms, weak_beside, rivals, alike, words, field };
         Ok(Some(Chosen::Formula(Box::new(term), effect)))
+    }
+
+    /// What of the model is so much stronger than a formula of this rms that it may be only what that lacks.
+    fn weak_beside(&self, rms: f64) -> Result<Option<String>, InputError> {
+        if let Some(before) = self.terms.iter().find(|before| rms < WEAK * before.rms) {
+            return Ok(Some(before.name.clone()));
+        }
+        let known = self.known_effects();
+        if known.is_empty() {
+            return Ok(None);
+        }
+        let size = fit(self.data, &known)?.effect_rms();
+        let names: Vec<&str> = known.iter().map(AddedEffect::name).collect();
+        Ok((rms < WEAK * size).then(|| names.join(" + ")))
+    }
+
+    /// What the model has beside the formulas.
+    fn known_effects(&self) -> Vec<AddedEffect> {
+        let formula = |effect: &&AddedEffect| self.terms.iter().any(|term| term.name == effect.name());
+        self.model.iter().filter(|effect| !formula(effect)).cloned().collect()
     }
 
     /// Whether the workbench can fit the model with one more effect.
