@@ -258,22 +258,19 @@ enum Step {
 async fn change_model(State(app): Shared, Path(id): Path<String>, Json(step): Json<Step>) -> Answer {
     beside(move || {
         let session = app.store.get(&id)?;
-        let mut model = session.state().model().clone();
         match step {
             Step::Add(effect) => {
                 // A file's name is not taken from the page: formulas come as text.
                 if !effects(None).iter().any(|own| own.name() == effect) {
                     return Err(Refusal::not_found("such effect"));
                 }
-                model.push(effect);
-                session.go_on(model)?;
+                session.go_on(|model| {
+                    if !model.contains(&effect) {
+                        model.push(effect);
+                    }
+                })?;
             }
-            Step::Remove(effect) => {
-                model.retain(|own| effect_name(own) != effect);
-                if model != *session.state().model() {
-                    session.go_on(model)?;
-                }
-            }
+            Step::Remove(effect) => session.go_on(|model| model.retain(|own| effect_name(own) != effect))?,
             Step::At(at) => session.go_to(at)?,
         }
         json_of(session.json())

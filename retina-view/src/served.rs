@@ -84,6 +84,11 @@ impl Served {
         self.roots.iter().filter(|root| root.is_file())
     }
 
+    /// Whether no folder was given.
+    pub(crate) fn is_files_alone(&self) -> bool {
+        self.roots.iter().all(|root| root.is_file())
+    }
+
     /// All files that the workbench takes, in the order of their names.
     pub(crate) fn list(&self) -> Vec<Found> {
         let (mut out, mut entries) = (Vec::new(), 0);

@@ -20,6 +20,8 @@ use crate::state::{Model, State};
 
 /// Fits and diagnoses that are kept, so that undo and blinking need no second fit.
 const MOST_KEPT: usize = 16;
+/// How the names of tables begin that the bench measured in addition.
+const MEASURED: &str = "measured-";
 
 /// Results by model, the latest last.
 struct Kept<T>(Vec<(Model, Arc<T>)>);
@@ -60,6 +62,14 @@ pub(crate) struct Session {
     working: Mutex<()>,
     /// Held while the tables are read.
     reading: Mutex<()>,
+    /// Held from the reading of the model to its change: two windows step one after the other.
+    stepping: Mutex<()>,
+}
+
+/// Greater than those that an earlier server counted to: windows that stay open take its news as new.
+fn first_revision() -> u64 {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    since.map_or(1, |since| since.as_millis() as u64)
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -82,9 +92,10 @@ impl Session {
             id,
             folder,
             inner: Mutex::new(inner),
-            revision: watch::Sender::new(1),
+            revision: watch::Sender::new(first_revision()),
             working: Mutex::new(()),
             reading: Mutex::new(()),
+            stepping: Mutex::new(()),
         })
     }
 
@@ -125,6 +136,7 @@ impl Session {
         let calibration =
             state.calibration.as_ref().map(|path| GivenCalibration::read(path, &setup)).transpose()?;
         let campaign = state.tables.first().and_then(|table| campaign_beside(table, &setup));
+        let tables = state.tables.clone();
         let measured = Measured::Files(state.tables);
         let mut material = Input { setup, measured, calibration, baseline: state.baseline }.table()?;
         if let Some(part) = material.data.fitted_part() {
@@ -136,7 +148,12 @@ impl Session {
             self.change(|state| state.campaign = Some(campaign))?;
         }
         let material = Arc::new(material);
-        lock(&self.inner).material = Some(Arc::clone(&material));
+        let mut inner = lock(&self.inner);
+        // Tables that came or went while these were read are read at the next asking.
+        if inner.state.tables == tables {
+            inner.material = Some(Arc::clone(&material));
+        }
+        drop(inner);
         self.changed();
         Ok(material)
     }
@@ -327,8 +344,15 @@ impl Session {
 
     // ---- what the page does
 
-    /// Fits a model and goes on to it; then candidates are looked for.
-    pub(crate) fn go_on(self: &Arc<Self>, model: Model) -> Result<(), Refusal> {
+    /// Changes the model that is looked at, fits it and goes on to it; then candidates are looked for.
+    pub(crate) fn go_on(self: &Arc<Self>, change: impl FnOnce(&mut Model)) -> Result<(), Refusal> {
+        let _turn = lock(&self.stepping);
+        let before = self.state().model().clone();
+        let mut model = before.clone();
+        change(&mut model);
+        if model == before {
+            return Ok(());
+        }
         self.fit_of(&model)?;
         self.change(|state| state.push(model))?;
         self.look_again();
@@ -337,6 +361,7 @@ impl Session {
 
     /// Goes to a model that was tried.
     pub(crate) fn go_to(self: &Arc<Self>, at: usize) -> Result<(), Refusal> {
+        let _turn = lock(&self.stepping);
         let state = self.state();
         let model = state.models.get(at).ok_or_else(|| Refusal::not_found("such model"))?;
         self.fit_of(model)?;
@@ -374,10 +399,10 @@ impl Session {
         std::fs::create_dir_all(&folder)
             .and_then(|()| write_atomic(&path, text.as_bytes()))
             .map_err(|error| InputError::new(&path, format!("cannot be written: {error}")))?;
-        let mut model: Model =
-            self.state().model().iter().filter(|own| effect_name(own) != name).cloned().collect();
-        model.push(file);
-        self.go_on(model)
+        self.go_on(|model| {
+            model.retain(|own| effect_name(own) != name);
+            model.push(file);
+        })
     }
 
     /// The formula of an own effect.
@@ -400,12 +425,13 @@ impl Session {
         let state = self.state();
         let campaign =
             state.campaign.ok_or_else(|| Refusal::conflict("these data did not come from the bench"))?;
-        // Each measurement has noise and places of its own.
-        let seed = campaign.seed + state.tables.len() as u64 - 1;
+        // Each measurement has a file, noise and places of its own, also after one was left out.
+        let number = 1 + self.last_measured();
+        let seed = campaign.seed + number as u64;
         let record = retina_campaign::PointsRecord { seed, ..campaign }
             .under(next.action)
             .ok_or_else(|| Refusal::conflict(format!("the bench cannot change this: {}", next.action)))?;
-        let table = self.folder.join(format!("measured-{}-{}.csv", state.tables.len(), next.action));
+        let table = self.folder.join(format!("{MEASURED}{number}-{}.csv", next.action));
         let setup_file = state.setup;
         self.start(Kind::Bench, move |session, watch| {
             let setup = Setup::read(&setup_file)?;
@@ -415,6 +441,13 @@ impl Session {
             session.go_through(watch)
         });
         Ok(())
+    }
+
+    /// The greatest number of a table that the bench has measured in addition.
+    fn last_measured(&self) -> usize {
+        let files = std::fs::read_dir(&self.folder).into_iter().flatten().flatten();
+        let number = |name: String| name.strip_prefix(MEASURED)?.split('-').next()?.parse().ok();
+        files.filter_map(|file| number(file.file_name().into_string().ok()?)).max().unwrap_or(0)
     }
 
     /// Leaves a table out that was measured in addition.

@@ -14,7 +14,7 @@ use crate::session::{Session, file_name};
 use crate::state::State;
 
 /// A file that was dropped on the page.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(crate) struct Dropped {
     pub(crate) name: String,
     pub(crate) text: String,
@@ -141,25 +141,45 @@ impl Store {
 
     /// A session of files that were dropped; they are kept in its folder. What is missing is taken from `beside`.
     pub(crate) fn drop_in(&self, files: &[Dropped], beside: Option<&State>) -> Result<Arc<Session>, Refusal> {
+        let mut files = files.to_vec();
         let mut kinds = Vec::new();
-        for file in files {
+        for file in &files {
             kinds.push(kind_of(Path::new(&file.name), &file.text)?);
         }
-        let all: Vec<(&str, String)> =
-            files.iter().map(|f| (f.name.as_str(), hash_bytes(f.text.as_bytes()))).collect();
-        let has = |kind: Kind| kinds.contains(&kind);
+        let given = kinds.clone();
+        let has = |kind: Kind| given.contains(&kind);
+        // What lies in another session's folder goes when that is removed: this one has its own.
+        let mut own = |path: &Path, kind: Kind| -> Result<bool, Refusal> {
+            let theirs = path.starts_with(&self.folder);
+            if theirs {
+                files.push(Dropped { name: file_name(path), text: retina_files::read_text(path)? });
+                kinds.push(kind);
+            }
+            Ok(theirs)
+        };
         let mut inputs = Inputs::default();
         if let Some(beside) = beside {
             if !has(Kind::Setup) {
-                inputs.setup = Some(beside.setup.clone());
-                if !has(Kind::Calibration) {
-                    inputs.calibration.clone_from(&beside.calibration);
+                if !own(&beside.setup, Kind::Setup)? {
+                    inputs.setup = Some(beside.setup.clone());
+                }
+                if let Some(calibration) = beside.calibration.as_ref().filter(|_| !has(Kind::Calibration))
+                    && !own(calibration, Kind::Calibration)?
+                {
+                    inputs.calibration = Some(calibration.clone());
                 }
             }
             if !has(Kind::Table) {
-                inputs.tables.clone_from(&beside.tables);
+                for table in &beside.tables {
+                    if !own(table, Kind::Table)? {
+                        inputs.tables.push(table.clone());
+                    }
+                }
             }
         }
+        let has = |kind: Kind| kinds.contains(&kind);
+        let all: Vec<(&str, String)> =
+            files.iter().map(|f| (f.name.as_str(), hash_bytes(f.text.as_bytes()))).collect();
         if inputs.setup.is_none() && !has(Kind::Setup) {
             return Err(missing("setup", "a setup (retina.setup/1), dropped together with the table").into());
         }
@@ -250,11 +270,16 @@ mod tests {
         assert!(Arc::ptr_eq(&first, &store.drop_in(&files, None).unwrap()));
         let lone = store.drop_in(&files[1..], None).err().unwrap();
         assert!(lone.body()["problem"].as_str().unwrap().contains("has no setup"), "{}", lone.body());
-        let beside = store.drop_in(&files[1..], Some(&first.state())).unwrap();
-        assert_eq!(beside.state().setup, first.state().setup);
-        // Another program that starts on the same folder finds both.
-        assert_eq!(Store::new(dir.path().to_path_buf()).list().len(), 2);
+        let other = Dropped { name: "b.csv".to_owned(), text: "phase_deg,magnitude\n3,4\n".to_owned() };
+        let beside = store.drop_in(&[other], Some(&first.state())).unwrap();
+        // Another program that starts on the same folder finds all.
+        assert_eq!(Store::new(dir.path().to_path_buf()).list().len(), store.list().len());
+        // What was dropped beside a session needs nothing of it.
+        let own = std::fs::read_to_string(&beside.state().setup).unwrap();
+        assert_eq!(own, std::fs::read_to_string(&first.state().setup).unwrap());
         store.remove(&first.id).unwrap();
         assert!(store.get(&first.id).is_err());
+        assert!(beside.state().setup.is_file());
+        assert!(beside.state().setup.starts_with(&beside.folder));
     }
 }

@@ -54,6 +54,12 @@ impl View {
         std::fs::create_dir_all(&options.state_folder)
             .map_err(|source| ViewError::State { folder: options.state_folder.clone(), source })?;
         let store = Store::new(options.state_folder.clone());
+        if let (None, Some(table), true) = (&inputs.setup, inputs.tables.first(), served.is_files_alone()) {
+            return Err(retina_files::InputError::new(table, "comes without its setup")
+                .expected("a table together with a setup (schema retina.setup/1), or a folder that has one")
+                .help("retina view SETUP.toml TABLE.csv")
+                .into());
+        }
         let named = inputs.setup.is_some() && !inputs.tables.is_empty();
         let opened = match named.then(|| store.open(inputs)).transpose() {
             Ok(session) => session.map(|session| session.id.clone()),

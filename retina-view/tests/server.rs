@@ -223,15 +223,37 @@ fn two_windows_see_one_session_and_a_new_server_finds_it_again() {
         let refused = server.post(&format!("/api/sessions/{id}/model"), &json!({ "add": named }));
         assert_eq!(refused.status, 404, "{}", refused.body);
     }
+    // Two windows at once: no step is lost, and the session stays whole.
+    std::thread::scope(|scope| {
+        for effect in ["opposition_surge", "extinction"] {
+            let path = format!("/api/sessions/{id}/model");
+            let server = &server;
+            scope.spawn(move || server.post(&path, &json!({ "add": effect })).json());
+        }
+    });
+    let both = server.get(&format!("/api/sessions/{id}")).json();
+    assert_eq!(both["models"][4].as_array().unwrap().len(), 4, "{}", both["models"]);
+    // One goes forth to a model that the other's step drops.
+    server.post(&format!("/api/sessions/{id}/model"), &json!({ "at": 1 })).json();
+    std::thread::scope(|scope| {
+        for step in [json!({ "at": 4 }), json!({ "add": "lommel_seeliger" })] {
+            let path = format!("/api/sessions/{id}/model");
+            let server = &server;
+            scope.spawn(move || assert!([200, 404].contains(&server.post(&path, &step).status)));
+        }
+    });
+    let whole = server.get(&format!("/api/sessions/{id}")).json();
+    assert!(whole["at"].as_u64().unwrap() < whole["models"].as_array().unwrap().len() as u64, "{whole}");
     server.settled(&id);
-    let before = server.get(&format!("/api/sessions/{id}/models/2")).json();
+    let at = whole["at"].as_u64().unwrap();
+    let before = server.get(&format!("/api/sessions/{id}/models/{at}")).json();
 
     // Another server on the same folder: as if the first had been killed.
     let again = Server::started(&[], &state);
     assert_eq!(again.get("/api/start").json()["sessions"][0]["id"], json!(id));
     let news = again.settled(&id);
-    assert_eq!((&news["at"], &news["models"]), (&json!(2), &own["models"]));
-    assert_eq!(again.get(&format!("/api/sessions/{id}/models/2")).json(), before);
+    assert_eq!((&news["at"], &news["models"]), (&whole["at"], &whole["models"]));
+    assert_eq!(again.get(&format!("/api/sessions/{id}/models/{at}")).json(), before);
     let undone = again.post(&format!("/api/sessions/{id}/model"), &json!({ "at": 0 })).json();
     assert_eq!(undone["at"], 0);
     let commands = again.get(&format!("/api/sessions/{id}/export/commands.txt"));
