@@ -147,6 +147,7 @@ fn term_json(term: &Term) -> Value {
 
 /// `investigate --json`, schema `retina.investigation/1`.
 pub fn investigation_json(data: &Dataset, result: &Investigation) -> Value {
+    let fitted = fit_json(data, &result.fit);
     json!({
         "schema": "retina.investigation/1",
         "table": data.kind.name(),
@@ -161,7 +162,9 @@ pub fn investigation_json(data: &Dataset, result: &Investigation) -> Value {
             "proof": proof_json(&unproven.proof),
         })),
         "tried": result.tried,
-        "fit": fit_json(data, &result.fit),
+        "rows": fitted["rows"],
+        "outliers": fitted["outliers"],
+        "fit": fitted,
         "notes": result.notes,
     })
 }

@@ -14,8 +14,14 @@ use retina::diagnosis::{
 use retina::files::{InputError, nearest};
 use retina::formats::{Measurements, TableKind};
 use retina::frames::{PICTURES_CAPTION, diagnose_frames};
+use retina::investigation::{
+    Investigation, Options, investigate as look_for_formulas, investigation_json, investigation_page,
+    investigation_text,
+};
 use retina::report::{Page, Section};
-use retina::workbench::{GivenEffect, Input, TableMaterial, added_effects, frame_effects};
+use retina::workbench::{
+    GivenEffect, Input, TableMaterial, added_effects, frame_effects, investigate_frames,
+};
 use serde_json::Value;
 
 use crate::calibrations::PyCalibration;
@@ -33,11 +39,18 @@ pub(crate) enum EffectOf {
     Function(Description),
 }
 
-/// What was compared, diagnosed or fitted.
+/// What was compared, diagnosed, fitted or investigated.
 enum Found {
     Comparison(Box<Comparison>),
     Diagnosis(Box<Diagnosis>),
     Fit(Box<Fit>),
+    Investigation(Box<Investigation>),
+}
+
+/// How it is done.
+struct Asked {
+    diagnose: DiagnoseOptions,
+    investigate: Options,
 }
 
 /// A result of the workbench with what it is about.
@@ -53,9 +66,9 @@ pub(crate) struct PyFindings {
     raised: Raised,
 }
 
-/// Compares (`compare`), diagnoses (`diagnose`) or fits (`fit`).
+/// Compares (`compare`), diagnoses (`diagnose`), fits (`fit`) or looks for formulas (`investigate`).
 #[pyfunction]
-#[pyo3(signature = (what, setup, table, calibration, effects, baseline, flips, seed))]
+#[pyo3(signature = (what, setup, table, calibration, effects, baseline, flips, seed, terms))]
 pub(crate) fn investigate(
     py: Python<'_>,
     what: &str,
@@ -66,9 +79,13 @@ pub(crate) fn investigate(
     baseline: String,
     flips: usize,
     seed: u64,
+    terms: usize,
 ) -> PyResult<PyFindings> {
     if !(199..=99_999).contains(&flips) {
         return Err(Failure::argument("flips", "is out of range", flips, "199 to 99999").into());
+    }
+    if !(1..=8).contains(&terms) {
+        return Err(Failure::argument("terms", "is out of range", terms, "1 to 8").into());
     }
     let input = Input {
         setup: (*setup.setup).clone(),
@@ -79,7 +96,8 @@ pub(crate) fn investigate(
     let what = what.to_owned();
     let raised = Raised::default();
     let kept = Arc::clone(&raised);
-    let options = DiagnoseOptions { flips, seed };
+    let options =
+        Asked { diagnose: DiagnoseOptions { flips, seed }, investigate: Options { seed, most_terms: terms } };
     let result = work::run(py, None, move |watch| found(&what, input, effects, &options, watch, kept));
     match taken(&raised) {
         Some(error) => Err(error),
@@ -91,7 +109,7 @@ fn found(
     what: &str,
     input: Input,
     effects: Vec<EffectOf>,
-    options: &DiagnoseOptions,
+    options: &Asked,
     watch: &Watch,
     raised: Raised,
 ) -> Result<PyFindings, Failure> {
@@ -100,13 +118,19 @@ fn found(
         let texts = frame_effects(&given)?;
         let (data, added, found) = match what {
             "diagnose" => {
-                let (data, added, found) = diagnose_frames(&mut set, &texts, options)?;
+                let (data, added, found) = diagnose_frames(&mut set, &texts, &options.diagnose)?;
                 (data, added, Found::Diagnosis(Box::new(found)))
+            }
+            "investigate" => {
+                let (data, found) =
+                    investigate_frames(&mut set, &texts, &options.investigate, &|_, _| watch.check())?;
+                let added = found.model.clone();
+                (data, added, Found::Investigation(Box::new(found)))
             }
             _ => {
                 let (data, added) = set.with_effects(&texts)?;
                 check_effects(&data, &added)?;
-                let found = of_table(what, &data, &added, options)?;
+                let found = of_table(what, &data, &added, options, watch)?;
                 (data, added, found)
             }
         };
@@ -116,7 +140,7 @@ fn found(
     let material = input.table()?;
     let components = material.tables.kind().components();
     let added = added_effects(&given_effects(effects, components, watch, &raised), &material.data)?;
-    let found = of_table(what, &material.data, &added, options)?;
+    let found = of_table(what, &material.data, &added, options, watch)?;
     let data = material.data.clone();
     Ok(PyFindings { found, data, added, material: Some(material), pictures: None, raised })
 }
@@ -140,7 +164,8 @@ fn of_table(
     what: &str,
     data: &Dataset,
     added: &[AddedEffect],
-    options: &DiagnoseOptions,
+    options: &Asked,
+    watch: &Watch,
 ) -> Result<Found, Failure> {
     Ok(match what {
         "compare" => {
@@ -153,7 +178,11 @@ fn of_table(
             }
             Found::Comparison(Box::new(result))
         }
-        "diagnose" => Found::Diagnosis(Box::new(diagnose(data, added, options))),
+        "diagnose" => Found::Diagnosis(Box::new(diagnose(data, added, &options.diagnose))),
+        "investigate" => {
+            let found = look_for_formulas(data, added, &options.investigate, &|_, _| watch.check())?;
+            Found::Investigation(Box::new(found))
+        }
         _ => Found::Fit(Box::new(fit(data, added)?)),
     })
 }
@@ -166,6 +195,7 @@ impl PyFindings {
             Found::Comparison(result) => compare_json(&self.data, result),
             Found::Diagnosis(result) => diagnose_json(&self.data, result),
             Found::Fit(result) => fit_json(&self.data, result),
+            Found::Investigation(result) => investigation_json(&self.data, result),
         };
         document(py, &told)
     }
@@ -176,6 +206,7 @@ impl PyFindings {
             Found::Comparison(result) => compare_text(&self.data, result),
             Found::Diagnosis(result) => diagnose_text(&self.data, result),
             Found::Fit(result) => fit_text(&self.data, result),
+            Found::Investigation(result) => investigation_text(&self.data, result),
         }
     }
 
@@ -237,6 +268,7 @@ impl PyFindings {
                 diagnose_page(&self.data, &self.added, result, &shapes)
             }
             Found::Fit(result) => fit_page(&self.data, &self.added, result),
+            Found::Investigation(result) => investigation_page(&self.data, result),
         };
         Ok(match &self.pictures {
             Some(svg) => page.after_card(Section::new("Images").figure(svg, PICTURES_CAPTION)),

@@ -51,6 +51,37 @@ def test_results_are_those_of_the_command(
     assert_same(without_files(in_memory), without_files(told))
 
 
+def test_a_formula_is_found_and_is_that_of_the_command(tmp_path: Path, setup_file: Path, command: Any) -> None:
+    rng = np.random.default_rng(3)
+    series, reading = np.divmod(np.arange(480), 20)
+    humidity = rng.uniform(30.0, 70.0, 24)[series]
+    count = np.array([8.0, 24.0, 60.0, 120.0, 255.0])[reading % 5]
+    side = np.array([20.0, 60.0, 100.0, 200.0])[(series + reading) % 4]
+    wet = 0.02 * (humidity - 50.0) / 20.0 * np.sqrt(side / 200.0)
+    light = side**2 * (count / 255.0) ** 2.2 * (1.0 + wet) * (1.0 + 0.004 * rng.standard_normal(480))
+    readings = {
+        "channel": ["w"] * 480,
+        "digital_count": count,
+        "square_px": side,
+        "irradiance_w_m2": 2e-9 * light,
+        "series": [f"s{number:02}" for number in series],
+        "time_s": 30.0 * np.arange(480),
+        "humidity": humidity,
+    }
+    found = retina.investigate(setup_file, readings)
+    assert found.verdict == "found" and "humidity" in found.formulas[0].covariates
+    assert found.formulas[0].p_value < 0.01 and found.formulas[0].weak_beside is None
+    assert "humidity" in repr(found) and "humidity" in found._repr_html_()
+    table = csv_of(readings, tmp_path / "power.csv")
+    told = command("investigate", "--setup", setup_file, "--data", table)
+    assert_same(retina.investigate(setup_file, table).to_dict(), told, 0)
+    found.formulas[0].write(tmp_path / "found.toml")
+    fitted = retina.fit(setup_file, readings, tmp_path / "found.toml")
+    assert fitted.heldout_rms < 0.8 * retina.fit(setup_file, readings, []).heldout_rms
+    with pytest.raises(retina.RetinaError, match="terms"):
+        retina.investigate(setup_file, readings, terms=0)
+
+
 def test_an_effect_is_a_function_or_a_formula(warming: dict[str, Any], tmp_path: Path) -> None:
     def turning(temperature_c: np.ndarray, per_k_arcsec: float) -> tuple[np.ndarray, float]:
         assert temperature_c.shape == (len(warming["image"]),) and temperature_c.dtype == float

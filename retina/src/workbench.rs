@@ -1,13 +1,14 @@
-//! What compare, diagnose and fit work on: a facility, its measurements and a model, checked against each other.
+//! What compare, diagnose, fit and investigate work on: a facility, its measurements and a model, checked against each other.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use retina_diagnosis::{AddedEffect, Baseline, Dataset, OwnEffect, Source};
+use retina_diagnosis::{AddedEffect, Baseline, Dataset, DiagnoseOptions, OwnEffect, Source};
 use retina_files::InputError;
 use retina_formats::{Calibration, CalibrationFile, Measurements, RadiometricCalibration, TableKind};
-use retina_frames::{FrameSet, FramesSource};
+use retina_frames::{FrameSet, FramesSource, diagnose_frames};
 use retina_geometry::Setup;
+use retina_investigation::{Investigation, Options, investigate};
 
 /// Measurements: tables in files, or one made in memory.
 #[derive(Debug, Clone)]
@@ -267,4 +268,23 @@ pub fn frame_effects(effects: &[GivenEffect]) -> Result<Vec<String>, InputError>
 
 fn twice(name: &str) -> InputError {
     InputError::new("--effect", "is given twice").found(format!("`{name}`"))
+}
+
+/// Formulas of what the best prediction of images leaves. Known effects of images change the prediction, which is made
+/// anew with each: so they are found first, and the set keeps them. `effects` belong to the model already.
+///
+/// # Errors
+/// An effect that these frames cannot show, too few tiles.
+pub fn investigate_frames(
+    set: &mut FrameSet,
+    effects: &[String],
+    options: &Options,
+    progress: &(dyn Fn(&str, f64) + Sync),
+) -> Result<(Dataset, Investigation), InputError> {
+    progress("looking for known effects", 0.0);
+    let diagnose = DiagnoseOptions { seed: options.seed, ..DiagnoseOptions::default() };
+    let (data, added, found) = diagnose_frames(set, effects, &diagnose)?;
+    let mut result = investigate(&data, &added, options, progress)?;
+    result.known = found.accepted;
+    Ok((data, result))
 }

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_diagnosis::{AddedEffect, Dataset, DiagnoseOptions};
+use retina::workbench::investigate_frames;
+use retina_diagnosis::Dataset;
 use retina_files::InputError;
-use retina_frames::diagnose_frames;
 use retina_investigation::{
     Investigation, Options, investigate, investigation_json, investigation_page, investigation_text,
 };
@@ -44,31 +44,20 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.input.check_outputs(&arguments.effects, &[(&arguments.report, "html")])?;
-    // Known effects of images change the prediction: they are found first, and formulas of what is left then.
+    let options = Options { seed: arguments.seed, most_terms: arguments.terms as usize };
+    let bar = counter(100, "%");
+    let progress = |_: &str, share: f64| bar.set_position((100.0 * share) as u64);
     if let Some(mut set) = arguments.input.read()?.frames()? {
-        let options = DiagnoseOptions { seed: arguments.seed, ..DiagnoseOptions::default() };
-        let (data, added, found) = diagnose_frames(&mut set, &arguments.effects, &options)?;
-        let mut result = investigated(arguments, &data, &added)?;
-        result.known = found.accepted;
+        let found = investigate_frames(&mut set, &arguments.effects, &options, &progress);
+        bar.finish_and_clear();
+        let (data, result) = found?;
         return write(arguments, &data, &result, Some(pictures(&set)));
     }
     let (material, added) = Material::read(&arguments.input, &arguments.effects)?;
     let data = material.data();
-    write(arguments, data, &investigated(arguments, data, &added)?, None)
-}
-
-/// The investigation, with its progress on standard error.
-fn investigated(
-    arguments: &Arguments,
-    data: &Dataset,
-    added: &[AddedEffect],
-) -> Result<Investigation, InputError> {
-    let options = Options { seed: arguments.seed, most_terms: arguments.terms as usize };
-    let bar = counter(100, "%");
-    let progress = |_: &str, share: f64| bar.set_position((100.0 * share) as u64);
-    let result = investigate(data, added, &options, &progress);
+    let found = investigate(data, &added, &options, &progress);
     bar.finish_and_clear();
-    result
+    write(arguments, data, &found?, None)
 }
 
 fn write(

@@ -41,11 +41,14 @@ from ._workbench import (
     Diagnosis,
     Effect,
     Fit,
+    Formula,
+    Investigation,
     OwnEffect,
     compare,
     diagnose,
     effects,
     fit,
+    investigate,
 )
 
 __all__ = [
@@ -61,8 +64,10 @@ __all__ = [
     "Ephemeris",
     "Figure",
     "Fit",
+    "Formula",
     "Frame",
     "GeometryCalibration",
+    "Investigation",
     "LimbSolution",
     "Mtf",
     "OpticalSystem",
@@ -90,6 +95,7 @@ __all__ = [
     "effects",
     "fit",
     "fit_limb",
+    "investigate",
     "read_table",
     "simulate_points",
     "simulate_power",

@@ -7,6 +7,7 @@ import inspect
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -317,6 +318,94 @@ class Fit(_Findings):
         return table_html(f"fit, {self.heldout_rms:.4g} held out", ("parameter", "value", "sigma"), rows)
 
 
+@dataclass(frozen=True)
+class Formula:
+    """A formula that was found, and held on exposures that the search has not seen.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    effect : str
+        The text of an effect's file, which `effects=` takes after `write`.
+    covariates : list of str
+        The columns that it depends on.
+    p_value : float
+        Chance of as much agreement on unseen exposures where there is nothing.
+    says : list of str
+        What it says, in sentences.
+    weak_beside : str or None
+        A formula or effect that is so much stronger that this one may be only what it lacks.
+    rivals : list of str
+        Effects' files of formulas that these data cannot tell from it.
+    """
+
+    name: str
+    effect: str
+    covariates: list[str]
+    p_value: float
+    says: list[str]
+    weak_beside: str | None
+    rivals: list[str]
+
+    def write(self, path: PathLike) -> None:
+        """Write it as an effect's file."""
+        Path(path).write_text(self.effect, encoding="utf-8")
+
+
+class Investigation(_Findings):
+    """Formulas of what a model leaves unexplained."""
+
+    @property
+    def verdict(self) -> str:
+        """``found`` or ``nothing``."""
+        return str(self._document["verdict"])
+
+    @property
+    def headline(self) -> str:
+        """The verdict in a sentence."""
+        return str(self._document["headline"])
+
+    @property
+    def known(self) -> list[str]:
+        """Known effects that were found beside the formulas."""
+        return self._texts("known")
+
+    @property
+    def formulas(self) -> list[Formula]:
+        """The formulas, in the order in which they were found."""
+        return [
+            Formula(
+                name=term["name"],
+                effect=term["effect_toml"],
+                covariates=list(term["covariates"]),
+                p_value=float(term["proof"]["p_value"]),
+                says=list(term["says"]),
+                weak_beside=term["weak_beside"],
+                rivals=[rival["effect_toml"] for rival in term["rivals"]],
+            )
+            for term in self._document["terms"]
+        ]
+
+    @property
+    def heldout_rms(self) -> float:
+        """Error of held-out groups with all that was found."""
+        return float(self._document["fit"]["heldout_rms"])
+
+    @property
+    def tried(self) -> int:
+        """Number of formulas that were tried."""
+        return int(self._document["tried"])
+
+    def __repr__(self) -> str:
+        found = "; ".join(", ".join(formula.covariates) for formula in self.formulas)
+        return f"<Investigation: {self.verdict}{': ' if found else ''}{found}>"
+
+    def _repr_html_(self) -> str:
+        rows = [(f.name, ", ".join(f.covariates), f"{f.p_value:.2g}") for f in self.formulas]
+        return f"<p>{html.escape(self.headline)}</p>" + table_html("formulas", ("name", "depends on", "p"), rows)
+
+
 def _investigated(
     what: str,
     setup: Setup | PathLike,
@@ -326,6 +415,7 @@ def _investigated(
     baseline: str,
     flips: int = 1999,
     seed: int = 1,
+    terms: int = 3,
 ) -> _native.Findings:
     own = setup_of(setup)
     listed = [effects] if isinstance(effects, (str, os.PathLike, OwnEffect)) else list(effects)
@@ -339,6 +429,7 @@ def _investigated(
         baseline,
         flips,
         seed,
+        terms,
     )
 
 
@@ -411,6 +502,41 @@ def diagnose(
         The table, the calibration or an effect does not fit.
     """
     return Diagnosis(_investigated("diagnose", setup, data, calibration, effects, baseline, flips, seed))
+
+
+def investigate(
+    setup: Setup | PathLike,
+    data: Any,
+    calibration: Calibrations | None = None,
+    *,
+    effects: Effects | Sequence[Effects] = (),
+    baseline: str = "physical",
+    terms: int = 3,
+    seed: int = 1,
+) -> Investigation:
+    """Look for a formula where no known effect fits, and prove it on exposures that the search has not seen.
+
+    Parameters
+    ----------
+    setup, data, calibration, effects, baseline
+        As `compare` takes them. `effects` are those that the model already has.
+    terms : int
+        Most formulas to look for, one beside the other, 1 to 8.
+    seed : int
+        Seed of the sign flips.
+
+    Returns
+    -------
+    Investigation
+
+    Raises
+    ------
+    RetinaError
+        The table has too few groups to be halved; the calibration or an effect does not fit.
+    """
+    return Investigation(
+        _investigated("investigate", setup, data, calibration, effects, baseline, seed=seed, terms=terms)
+    )
 
 
 def fit(
