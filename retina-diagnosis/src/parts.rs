@@ -234,19 +234,20 @@ impl Halves {
         self.search.remainder(with)
     }
 
-    /// The same where most of what looks like outliers is what the model lacks: no row is left out, all weigh the same.
-    /// `None` where outliers are few.
-    pub fn search_unrejected(&self) -> Option<Remainder<'_>> {
-        let robust = robust_fit(&self.search.data, &self.search.base);
+    /// The same, but where outliers are many: most of them may be what the model lacks, so no row is left out, and all
+    /// weigh the same.
+    pub fn search_unrejected(&self, with: &[Vec<f64>]) -> Remainder<'_> {
+        let Rows { data, base, .. } = &self.search;
+        let columns: Vec<Vec<f64>> = base.iter().chain(with).cloned().collect();
+        let robust = robust_fit(data, &columns);
         let outliers = robust.weights.outlier.iter().filter(|out| **out).count();
-        (outliers as f64 > MANY_OUTLIERS * self.search.data.len() as f64).then(|| {
+        let weights = if outliers as f64 > MANY_OUTLIERS * data.len() as f64 {
             let mean = dot(&robust.residual, &robust.residual) / robust.residual.len().max(1) as f64;
-            let weights = Weights::equal(self.search.data.len(), mean.sqrt());
-            Remainder {
-                frame: Frame::weighted(&self.search.data, &self.search.base, weights),
-                base: &self.search.base,
-            }
-        })
+            Weights::equal(data.len(), mean.sqrt())
+        } else {
+            robust.weights
+        };
+        Remainder { frame: Frame::weighted(data, base, weights), base }
     }
 
     /// What the model leaves in the half that judges.

@@ -48,6 +48,8 @@ const FLOOR: f64 = 0.025;
 const MOST_KNOWN: usize = 4;
 /// Share of a formula's square that a catalogued effect has to hold to be called the same.
 const ALIKE: f64 = 0.9;
+/// A fit in which an amplitude grows by more than this has run along a valley: two formulas nearly cancel there.
+const MOST_GROWTH: f64 = 5.0;
 /// A formula whose difference from another one is below this share of its rms is the same.
 const SAME: f64 = 0.02;
 
@@ -68,6 +70,7 @@ pub fn investigate(
         model: added.to_vec(),
         known: Vec::new(),
         terms: Vec::new(),
+        forms: Vec::new(),
         unproven: None,
         tried: 0,
         notes: data.notes.clone(),
@@ -105,6 +108,8 @@ struct Rounds<'a> {
     model: Vec<AddedEffect>,
     known: Vec<&'static str>,
     terms: Vec<Term>,
+    /// Their forms, with amplitudes.
+    forms: Vec<(Form, Vec<f64>)>,
     unproven: Option<Unproven>,
     tried: usize,
     notes: Vec<String>,
@@ -283,15 +288,16 @@ impl Rounds<'_> {
         let strength = (beside.iter().map(|v| v * v).sum::<f64>() / left.components()).sqrt();
         let words = words(own, columns, self.data, &amplitudes, strength);
         let covariates = own.covariates(columns);
-        let weak_beside = self.weak_beside(rms)?;
+        let weak_beside = self.weak_beside(rms, proof.strength)?;
+        self.forms.push((own.clone(), amplitudes));
         let term =
             Term { name, effect: text, covariates, proof, rms, weak_beside, rivals, alike, words, field };
         Ok(Some(Chosen::Formula(Box::new(term), effect)))
     }
 
-    /// What of the model is so much stronger than a formula of this rms that it may be only what that lacks.
-    fn weak_beside(&self, rms: f64) -> Result<Option<String>, InputError> {
-        if let Some(before) = self.terms.iter().find(|before| rms < WEAK * before.rms) {
+    /// What of the model is so much stronger than a formula of this rms, and strength beside the model, that it may be only what that lacks.
+    fn weak_beside(&self, rms: f64, strength: f64) -> Result<Option<String>, InputError> {
+        if let Some(before) = self.terms.iter().find(|before| strength < WEAK * before.proof.strength) {
             return Ok(Some(before.name.clone()));
         }
         let known = self.known_effects();
@@ -316,21 +322,61 @@ impl Rounds<'_> {
         fit(self.data, &model).is_ok()
     }
 
-    /// The form as an effect that the workbench takes. Shape parameters that it refuses are held.
+    /// The form as an effect that the workbench takes. Shape parameters that it refuses are held, and those of the formulas
+    /// before it where two of one kind would run away from each other.
     fn readable(
-        &self,
+        &mut self,
         form: &Form,
         columns: &[Column],
         name: &str,
         amplitudes: &[f64],
         frozen: Vec<bool>,
     ) -> Option<(String, AddedEffect)> {
+        let of = |name: &str, form: &Form, amplitudes: &[f64], frozen: &[bool]| {
+            let text = form.effect(columns, self.data.kind, name, amplitudes, frozen);
+            AddedEffect::of_text(name, &text, self.data).ok().map(|effect| (text, effect))
+        };
         let all = vec![true; frozen.len()];
-        [frozen, all].into_iter().find_map(|frozen| {
-            let text = form.effect(columns, self.data.kind, name, amplitudes, &frozen);
-            let effect = AddedEffect::of_text(name, &text, self.data).ok()?;
-            self.fits_with(&effect).then_some((text, effect))
-        })
+        for frozen in [frozen, all.clone()] {
+            let Some((text, effect)) = of(name, form, amplitudes, &frozen) else { continue };
+            if self.fits_well(&effect, &self.model) {
+                return Some((text, effect));
+            }
+        }
+        let (text, effect) = of(name, form, amplitudes, &all)?;
+        let mut model = self.model.clone();
+        let mut held = Vec::new();
+        for (term, (form, amplitudes)) in self.terms.iter().zip(&self.forms) {
+            let (text, effect) = of(&term.name, form, amplitudes, &vec![true; form.shapes()])?;
+            model.iter_mut().filter(|own| own.name() == term.name).for_each(|own| *own = effect.clone());
+            held.push(text);
+        }
+        if !self.fits_well(&effect, &model) {
+            return None;
+        }
+        self.model = model;
+        self.terms.iter_mut().zip(held).for_each(|(term, text)| term.effect = text);
+        Some((text, effect))
+    }
+
+    /// Whether a model with one more effect can be fitted, and the formulas' amplitudes stay near those of the search.
+    fn fits_well(&self, effect: &AddedEffect, model: &[AddedEffect]) -> bool {
+        let model: Vec<AddedEffect> = model.iter().chain([effect]).cloned().collect();
+        let Ok(fitted) = fit(self.data, &model) else { return false };
+        let near = |effect: &AddedEffect| {
+            let AddedEffect::Own(own) = effect else { return true };
+            let amplitudes = || own.parameters().iter().filter(|p| p.name.starts_with("amplitude_"));
+            let value = |name: &str| {
+                let name = format!("{}.{name}", own.name());
+                fitted.parameters.iter().find(|p| p.name == name).map_or(0.0, |p| p.value.abs())
+            };
+            let start = amplitudes().map(|p| p.start.abs()).fold(0.0, f64::max);
+            amplitudes().all(|p| value(&p.name) <= MOST_GROWTH * start)
+        };
+        let ours = |own: &&AddedEffect| {
+            own.name() == effect.name() || self.terms.iter().any(|term| term.name == own.name())
+        };
+        model.iter().filter(ours).all(near)
     }
 
     /// Forms that units left out do not tell from the best.

@@ -68,8 +68,7 @@ impl Search<'_> {
         let mut forms = self.first();
         for generation in 0..=GENERATIONS {
             (self.progress)("searching", generation as f64 / (GENERATIONS + 1) as f64);
-            let unrejected = if generation == 0 { halves.search_unrejected() } else { None };
-            let left = unrejected.unwrap_or_else(|| halves.search(&weights));
+            let left = halves.search_unrejected(&weights);
             // What was scored under other weights is scored again.
             let before: Vec<Form> = best.drain().map(|(_, scored)| scored.form).collect();
             forms.retain(|form| seen.insert(format!("{form:?}")));
