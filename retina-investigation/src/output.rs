@@ -35,7 +35,7 @@ pub(crate) fn formula_lines(effect: &str) -> Vec<&str> {
         .collect()
 }
 
-fn proof_text(proof: &Proof) -> String {
+pub(crate) fn proof_text(proof: &Proof) -> String {
     format!(
         "p = {}; amplitude there {} +- {} of the one found; {} of the noise",
         short(proof.p_value),

@@ -200,7 +200,8 @@ fn law(factor: &Factor, column: &Column) -> String {
 /// A number to three digits.
 pub(crate) fn short(value: f64) -> String {
     let size = value.abs();
-    if size != 0.0 && !(1e-3..1e6).contains(&size) {
+    // 1e-4, the least p-value, is written out.
+    if size != 0.0 && !(9.9e-5..1e6).contains(&size) {
         return format!("{value:.2e}");
     }
     let digits = if size == 0.0 { 0 } else { (2 - size.log10().floor() as i32).max(0) as usize };
