@@ -65,6 +65,8 @@ fn what_cannot_be_halved_is_refused_and_nothing_is_written() {
     let out = asked(folder.path(), &readings(1), &["--out", "found", "--report", "page.html"]);
     assert_refused(&out, &["too few groups", "expected at least 12"]);
     assert!(!folder.path().join("found").exists() && !folder.path().join("page.html").exists());
+    let out = asked(folder.path(), &readings(24), &["--out", "power.csv"]);
+    assert_refused(&out, &["--out", "is no folder"]);
     let out = asked(folder.path(), &readings(24), &["--terms", "0"]);
     assert_refused(&out, &["--terms"]);
 }

@@ -44,6 +44,12 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.input.check_outputs(&arguments.effects, &[(&arguments.report, "html")])?;
+    if let Some(folder) = arguments.out.as_ref().filter(|folder| folder.exists() && !folder.is_dir()) {
+        return Err(InputError::new("--out", "is no folder")
+            .found(folder.display().to_string())
+            .expected("a folder, which is made where it is not there")
+            .into());
+    }
     let options = Options { seed: arguments.seed, most_terms: arguments.terms as usize };
     let bar = counter(100, "%");
     let progress = |_: &str, share: f64| bar.set_position((100.0 * share) as u64);
