@@ -30,8 +30,8 @@ impl Default for Options {
     }
 }
 
-/// Level at which a first formula is taken for proven, and further ones.
-const LEVEL: [f64; 2] = [0.015, 0.01];
+/// Level at which a formula is taken for proven, and a known effect for holding in the half that judges.
+const LEVEL: f64 = 0.01;
 /// Families that are judged beside the first.
 const JUDGED: usize = 12;
 /// Level at which another form may take the place of the one that the search chose.
@@ -159,7 +159,7 @@ impl Rounds<'_> {
         else {
             return false;
         };
-        halves.prove_known(known, self.options.seed).is_some_and(|proof| proof.p_value <= LEVEL[0])
+        halves.prove_known(known, self.options.seed).is_some_and(|proof| proof.p_value <= LEVEL)
     }
 
     /// Looks for one more formula; false where none is proven.
@@ -198,9 +198,8 @@ impl Rounds<'_> {
         };
         let chosen = &found.scored[chosen];
         let proof = prove(chosen);
-        let level = LEVEL[usize::from(!self.terms.is_empty())];
         let number = self.terms.len() + 1;
-        if proof.p_value > level || proof.strength < FLOOR {
+        if proof.p_value > LEVEL || proof.strength < FLOOR {
             let amplitudes: Vec<f64> = left
                 .amplitudes(&finite(chosen.form.evaluate(&searched, &columns)))
                 .iter()
