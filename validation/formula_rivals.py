@@ -1,6 +1,6 @@
 """Formulas of hidden effects: gplearn and a LASSO on the tables of `retina-benchmark --kind formula`.
 
-    python formula_rivals.py --dir out/formulas --sets 32
+    python formula_rivals.py --dir out/formulas --sets 16
 
 Each rival sees what `retina investigate` sees: the errors of a table beside the baseline. Half of the exposures is for the
 search, the other half for the proof (a one-sided sign flip of whole exposures at 0.015, as `retina` does it). Beside that
@@ -206,7 +206,7 @@ def retina(folder: Path, hidden: list[int], nothing: list[int]) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dir", required=True, type=Path, help="folder of the benchmark")
-    parser.add_argument("--sets", type=int, default=32, help="sets, half of them with a formula")
+    parser.add_argument("--sets", type=int, default=16, help="sets, half of them with a formula")
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     plans = [json.loads(line) for line in (arguments.dir / "sealed" / "truth.jsonl").read_text().splitlines()]
