@@ -44,6 +44,8 @@ enum Command {
     Diagnose(command::diagnose::Arguments),
     /// Finds a formula for what no known effect explains, and proves it on data it has not seen.
     Investigate(command::investigate::Arguments),
+    /// Says which of several models is the true one, and which exposures would decide.
+    Decide(command::decide::Arguments),
     /// Fits effects together with the baseline model.
     Fit(command::fit::Arguments),
     /// Imports calibrations of other programs as measurements.
@@ -93,6 +95,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Compare(arguments) => command::compare::run(&arguments),
         Command::Diagnose(arguments) => command::diagnose::run(&arguments),
         Command::Investigate(arguments) => command::investigate::run(&arguments),
+        Command::Decide(arguments) => command::decide::run(&arguments),
         Command::Fit(arguments) => command::fit::run(&arguments),
         Command::Import(command) => command::import::run(&command),
         Command::Effects(arguments) => command::effects::run(&arguments),

@@ -4,6 +4,7 @@
 //! - [`compare`]: errors against the noise, and what they depend on.
 //! - [`diagnose`]: which effect is missing, and which ones this data cannot tell apart.
 //! - [`fit`]: effects estimated with the baseline; [`AddedEffect`]: catalogued, formulas in a file, or an [`OwnEffect`].
+//! - [`Rivals`]: models that rival each other, judged, and told apart by exposures that are planned.
 //! - [`effects`]: the catalogue.
 
 mod added;
@@ -34,6 +35,7 @@ mod parts;
 mod physical;
 mod pixel_noise;
 mod report;
+mod rivals;
 mod scatter;
 mod score;
 mod screens;
@@ -73,6 +75,7 @@ pub use report::{
     Shape, compare_page, diagnose_page, effects_page, fit_page, followed_svg, signature_svgs,
     unexplained_shapes,
 };
+pub use rivals::{Judgement, Rival, Rivals};
 pub use scatter::Noise;
 pub use step::Step;
 pub use unexplained::Unexplained;

@@ -40,6 +40,9 @@ pub struct PointRow {
     pub saturated: bool,
     /// How far the camera is rolled in its mount, degrees.
     pub camera_roll_deg: Option<f64>,
+    /// Number of the time that the camera was mounted; 0: as in the first table of those that are read together. Where it is
+    /// absent, each table was measured with the camera mounted anew.
+    pub mounting: Option<f64>,
     /// Name of the series.
     pub series: Option<Arc<str>>,
     /// Index into [`PointsTable::files`].
@@ -65,6 +68,7 @@ impl PointRow {
             flux_dn: None,
             saturated: false,
             camera_roll_deg: None,
+            mounting: None,
             series: None,
             file: 0,
             line: 0,
@@ -108,6 +112,7 @@ impl Rows for PointsTable {
         "flux_dn",
         "saturated",
         "camera_roll_deg",
+        "mounting",
         "series",
     ];
     const NOTHING: [&'static str; 2] = ["holds no points", "one row for each point and exposure"];
@@ -253,9 +258,19 @@ impl PointsTable {
                 ("time_s", |row| row.time_s.map(|v| v.to_string())),
                 ("temperature_c", |row| row.temperature_c.map(|v| v.to_string())),
                 ("camera_roll_deg", |row| row.camera_roll_deg.map(|v| v.to_string())),
+                ("mounting", |row| row.mounting.map(|v| v.to_string())),
                 ("series", |row| row.series.as_deref().map(csv_text)),
             ],
         )
+    }
+}
+
+fn mounting(cells: &Cells<'_>) -> Result<Option<f64>, InputError> {
+    match cells.optional("mounting")? {
+        Some(value) if value < 0.0 || value.fract() != 0.0 => {
+            Err(cells.wrong("mounting", "a whole number from 0 on, or an empty cell"))
+        }
+        value => Ok(value),
     }
 }
 
@@ -285,6 +300,7 @@ fn read_row(
         flux_dn: cells.optional("flux_dn")?,
         saturated,
         camera_roll_deg: cells.optional("camera_roll_deg")?,
+        mounting: mounting(cells)?,
         series: cells.shared_text("series", series),
         file,
         line: cells.table.line(cells.row),

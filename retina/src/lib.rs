@@ -45,6 +45,7 @@
 //!
 //! `gpu` (default): rendering by wgpu. Without it the CPU renderer is left and wgpu is not compiled.
 
+pub mod decision;
 pub mod workbench;
 
 pub use retina_assets as assets;

@@ -5,9 +5,11 @@ use std::sync::Arc;
 
 use retina_diagnosis::{AddedEffect, Baseline, Dataset, DiagnoseOptions, OwnEffect, Source};
 use retina_files::InputError;
-use retina_formats::{Calibration, CalibrationFile, Measurements, RadiometricCalibration, TableKind};
+use retina_formats::{
+    Calibration, CalibrationFile, Measurements, PointsTable, RadiometricCalibration, TableKind,
+};
 use retina_frames::{FrameSet, FramesSource, diagnose_frames};
-use retina_geometry::Setup;
+use retina_geometry::{DisplayRays, Setup};
 use retina_investigation::{Investigation, Options, investigate};
 
 /// Measurements: tables in files, or one made in memory.
@@ -82,6 +84,29 @@ pub struct TableMaterial {
     pub calibration: Option<Calibration>,
     /// Their residuals, groups and covariates.
     pub data: Dataset,
+    baseline: Baseline,
+    /// The chief rays at the display, of points where the setup's lenses can be traced.
+    rays: Option<DisplayRays>,
+}
+
+impl TableMaterial {
+    /// Other points of the facility, under the same model.
+    ///
+    /// # Errors
+    /// They do not fit it.
+    pub fn data_of(&self, points: PointsTable) -> Result<Dataset, InputError> {
+        let data = Dataset::new(&Source {
+            tables: &Measurements::Points(points),
+            setup: &self.setup,
+            calibration: self.calibration.as_ref(),
+            response: None,
+            baseline: self.baseline,
+        })?;
+        Ok(match self.rays {
+            Some(rays) => data.with_display_rays(rays),
+            None => data,
+        })
+    }
 }
 
 /// What a calibration is held for.
@@ -183,28 +208,30 @@ impl Input {
             baseline,
         };
         let mut data = Dataset::new(&source)?;
+        let mut rays = None;
         if matches!(tables, Measurements::Points(_)) {
-            data = with_lenses(data, &setup);
+            match lenses(&setup) {
+                Ok(traced) => rays = Some(traced),
+                Err(error) => data
+                    .notes
+                    .push(format!("effects of the display's place have their leading forms: {error}")),
+            }
         }
-        Ok(TableMaterial { setup, tables, calibration, data })
+        if let Some(rays) = rays {
+            data = data.with_display_rays(rays);
+        }
+        Ok(TableMaterial { setup, tables, calibration, data, baseline, rays })
     }
 }
 
-/// Gives the data the facility's lenses. Of a setup whose lenses cannot be traced the leading forms hold, and a note says
-/// so.
-fn with_lenses(mut data: Dataset, setup: &Setup) -> Dataset {
+/// What the facility's lenses make of the display's depth.
+fn lenses(setup: &Setup) -> Result<DisplayRays, retina_bench::BenchError> {
     let camera = setup.camera_pinhole();
     let corner = glam::DVec2::new(
         f64::from(camera.width_px) / camera.fx_px,
         f64::from(camera.height_px) / camera.fy_px,
     );
-    match retina_bench::display_rays(setup, 0.5 * corner.length()) {
-        Ok(rays) => data.with_display_rays(rays),
-        Err(error) => {
-            data.notes.push(format!("effects of the display's place have their leading forms: {error}"));
-            data
-        }
-    }
+    retina_bench::display_rays(setup, 0.5 * corner.length())
 }
 
 /// An effect that the model already has.

@@ -34,6 +34,7 @@ struct ImageEntry {
     time_s: Option<f64>,
     temperature_c: Option<f64>,
     camera_roll_deg: Option<f64>,
+    mounting: Option<f64>,
     series: Option<Arc<str>>,
     /// Values of the columns that the schema does not name; NaN where not measured.
     extra: Vec<f64>,
@@ -114,6 +115,7 @@ fn entries(images: &Path, pattern: &Pattern) -> Result<(Vec<ImageEntry>, Vec<Str
                 time_s: None,
                 temperature_c: None,
                 camera_roll_deg: None,
+                mounting: None,
                 series: None,
                 extra: Vec::new(),
             });
@@ -133,7 +135,8 @@ fn listed(
 ) -> Result<(Vec<ImageEntry>, Vec<String>), InputError> {
     let table = Table::read(list)?;
     table.require(&["image", "screen"])?;
-    let own = ["image", "screen", "exposure_s", "time_s", "temperature_c", "camera_roll_deg", "series"];
+    let own =
+        ["image", "screen", "exposure_s", "time_s", "temperature_c", "camera_roll_deg", "mounting", "series"];
     let extra: Vec<String> = table.columns().iter().filter(|c| !own.contains(&c.as_str())).cloned().collect();
     let mut out: Vec<ImageEntry> = Vec::new();
     for row in 0..table.len() {
@@ -167,6 +170,7 @@ fn listed(
             time_s: number("time_s")?,
             temperature_c: number("temperature_c")?,
             camera_roll_deg: number("camera_roll_deg")?,
+            mounting: number("mounting")?,
             series: Some(table.text(row, "series")).filter(|text| !text.is_empty()).map(Arc::from),
             extra: extra.collect::<Result<_, InputError>>()?,
         });
@@ -222,6 +226,7 @@ fn rows_of(
         time_s: entry.time_s,
         temperature_c: entry.temperature_c,
         camera_roll_deg: entry.camera_roll_deg,
+        mounting: entry.mounting,
         series: entry.series.clone(),
         ..row
     };
@@ -243,7 +248,7 @@ pub fn match_points(
     let row = |&(i, j): &(usize, usize)| {
         let point = &points[j];
         (!point.blended).then(|| PointRow {
-            channel: pattern.channel,
+            channel: pattern.screens[screen].channel,
             sigma_px: Some(point.sigma_px),
             flux_dn: Some(point.flux_dn),
             saturated: point.saturated,

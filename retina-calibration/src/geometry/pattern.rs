@@ -60,6 +60,8 @@ pub struct PatternScreen {
     pub file: String,
     /// Exposure time over that of the faintest group of counts.
     pub exposure_ratio: f64,
+    /// Lit sub-pixels.
+    pub channel: Channel,
     /// Its points.
     pub points: Vec<PatternPoint>,
 }
@@ -69,8 +71,6 @@ pub struct PatternScreen {
 pub struct Pattern {
     /// Name of the setup it was made for.
     pub setup: String,
-    /// Lit sub-pixels.
-    pub channel: Channel,
     /// The screens.
     pub screens: Vec<PatternScreen>,
 }
@@ -107,10 +107,11 @@ impl Pattern {
             screens.push(PatternScreen {
                 file: format!("{index:03}.png"),
                 exposure_ratio: 10f64.powf(0.4 * (brightest(group) - faintest_group)),
+                channel: options.channel,
                 points: with_counts(setup, places, group, &mut random),
             });
         }
-        Ok(Self { setup: setup.name.clone(), channel: options.channel, screens })
+        Ok(Self { setup: setup.name.clone(), screens })
     }
 
     /// Lit share of each row of a screen, 0 to 1.
@@ -132,7 +133,7 @@ impl Pattern {
         self.check_alone(&screens)?;
         for screen in &self.screens {
             let path = screens.join(&screen.file);
-            let bytes = self.png(screen, setup).map_err(|error| failed(&path, &error))?;
+            let bytes = Self::png(screen, setup).map_err(|error| failed(&path, &error))?;
             write_atomic(&path, &bytes).map_err(|error| failed(&path, &error))?;
         }
         let mut text =
@@ -146,7 +147,7 @@ impl Pattern {
                     at.x,
                     at.y,
                     point.digital_count,
-                    self.channel.letter(),
+                    screen.channel.letter(),
                     screen.exposure_ratio
                 ));
             }
@@ -179,13 +180,13 @@ impl Pattern {
         Ok(())
     }
 
-    fn png(&self, screen: &PatternScreen, setup: &Setup) -> Result<Vec<u8>, png::EncodingError> {
+    fn png(screen: &PatternScreen, setup: &Setup) -> Result<Vec<u8>, png::EncodingError> {
         let (width, height) = (setup.screen.width_px, setup.screen.height_px);
-        let channels = if self.channel == Channel::W { 1 } else { 3 };
+        let channels = if screen.channel == Channel::W { 1 } else { 3 };
         let mut counts = vec![0u8; width as usize * height as usize * channels];
         for point in &screen.points {
             let at = (point.row as usize * width as usize + point.column as usize) * channels;
-            counts[at + if channels == 3 { self.channel as usize } else { 0 }] = point.digital_count;
+            counts[at + if channels == 3 { screen.channel as usize } else { 0 }] = point.digital_count;
         }
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, width, height);
@@ -231,15 +232,15 @@ impl Pattern {
             "channel",
             "exposure_ratio",
         ])?;
-        let mut pattern = Self { setup: head.setup, channel: Channel::W, screens: Vec::new() };
+        let mut pattern = Self { setup: head.setup, screens: Vec::new() };
         for row in 0..table.len() {
             let file = table.text(row, "screen");
-            pattern.channel = Channel::from_letter(table.text(row, "channel")).unwrap_or_default();
             if pattern.screens.last().is_none_or(|screen| screen.file != file) {
                 let exposure_ratio = table.number(row, "exposure_ratio")?;
                 pattern.screens.push(PatternScreen {
                     file: file.to_owned(),
                     exposure_ratio,
+                    channel: Channel::from_letter(table.text(row, "channel")).unwrap_or_default(),
                     points: Vec::new(),
                 });
             }

@@ -5,6 +5,7 @@ pub(crate) mod body;
 pub(crate) mod calibrate;
 pub(crate) mod compare;
 pub(crate) mod corto;
+pub(crate) mod decide;
 pub(crate) mod diagnose;
 pub(crate) mod effects;
 pub(crate) mod fit;

@@ -17,6 +17,7 @@ use crate::output::{print_json, print_lines, tell};
 use crate::progress::counter;
 use crate::setup::read_setup;
 
+mod plan;
 mod sky;
 
 /// Runs measurement campaigns on the virtual bench.
@@ -24,6 +25,8 @@ mod sky;
 pub(crate) enum Command {
     /// Photographs patterns of single pixels and measures their points: points.csv.
     Points(PointsArguments),
+    /// Carries out a plan of `retina decide`: points.csv.
+    Plan(plan::Arguments),
     /// Reads a power meter in front of lit squares: power.csv.
     Power(PowerArguments),
     /// Photographs rendered screen images: images/ and frames.csv.
@@ -214,6 +217,7 @@ pub(crate) fn run(command: &Command) -> Result<(), Failure> {
     match command {
         Command::Stars(arguments) => stars(arguments),
         Command::Points(arguments) => points(arguments),
+        Command::Plan(arguments) => plan::run(arguments),
         Command::Power(arguments) => power(arguments),
         Command::Frames(arguments) => frames(arguments),
         Command::Sky(arguments) => sky::run(arguments),

@@ -123,7 +123,7 @@ pub struct Dataset {
     pub(crate) channel: Vec<Channel>,
     /// Shares of red, green and blue in white light (power).
     pub(crate) white_share: [f64; 3],
-    /// Which mounting (file and camera roll) a row belongs to.
+    /// Which mounting (file or number, and camera roll) a row belongs to.
     pub(crate) mounting: Vec<usize>,
     /// For each mounting the angle by which the camera is turned in the facility's frame, rad.
     pub(crate) roll_rad: Vec<f64>,

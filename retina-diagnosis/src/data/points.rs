@@ -30,7 +30,7 @@ fn refuse_repeated(table: &PointsTable) -> Result<(), InputError> {
         let [screen, camera] = [row.screen_px, row.camera_px];
         cells.extend([screen.x, screen.y, row.digital_count, camera.x, camera.y].map(f64::to_bits));
         cells.extend(bits([row.sigma_px, row.time_s, row.temperature_c, row.row_load]));
-        cells.extend(bits([row.exposure_s, row.flux_dn, row.camera_roll_deg]));
+        cells.extend(bits([row.exposure_s, row.flux_dn, row.camera_roll_deg, row.mounting]));
         cells.extend(table.extra.iter().map(|column| column.values[at].to_bits()));
         cells
     };
@@ -65,6 +65,25 @@ fn exposures(table: &PointsTable) -> (Vec<(String, Vec<usize>)>, usize) {
     (groups, saturated)
 }
 
+/// When the camera was mounted for a row.
+#[derive(Clone, Copy, PartialEq)]
+enum Mounted {
+    /// For the table with this number.
+    ForTable(usize),
+    /// At the time with this number, which tables share.
+    Numbered(f64),
+}
+
+impl Mounted {
+    fn of(row: &PointRow) -> Self {
+        match row.mounting {
+            Some(0.0) => Self::ForTable(0),
+            Some(number) => Self::Numbered(number),
+            None => Self::ForTable(row.file),
+        }
+    }
+}
+
 /// The rows in the data's order: where each was shown and seen, and how bright.
 #[derive(Default)]
 struct Seen {
@@ -77,7 +96,7 @@ struct Seen {
     /// log10 of the irradiance relative to white at full count.
     l: Vec<f64>,
     channel: Vec<Channel>,
-    /// Which mounting (file and roll of the camera) each row belongs to, and how many there are.
+    /// Which mounting (time and roll of the camera) each row belongs to, and how many there are.
     mounting: Vec<usize>,
     mountings: usize,
 }
@@ -91,7 +110,7 @@ impl Seen {
             None => measured_or_power_law(None, source.setup),
         };
         let mut out = Self::default();
-        let mut mountings: Vec<(usize, Option<f64>)> = Vec::new();
+        let mut mountings: Vec<(Mounted, Option<f64>)> = Vec::new();
         for row in rows {
             out.channel.push(row.channel);
             // Below one count the interpolation starts from no light, whose logarithm is none.
@@ -100,7 +119,7 @@ impl Seen {
             out.sight.push(camera.line_of_sight(row.camera_px));
             out.camera_px.push(row.camera_px);
             out.screen_px.push(row.screen_px);
-            let key = (row.file, row.camera_roll_deg);
+            let key = (Mounted::of(row), row.camera_roll_deg);
             let known = mountings.iter().position(|m| *m == key);
             out.mounting.push(known.unwrap_or(mountings.len()));
             if known.is_none() {

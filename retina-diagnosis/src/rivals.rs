@@ -1,0 +1,374 @@
+//! Models that rival each other: which of them the data speak for, and by how much exposures that are planned would tell
+//! them apart.
+//!
+//! The evidence for a form of k parameters on n components with whitened errors e is
+//! ln p = -1/2 e^T e - k/2 ln n (G. Schwarz, Annals of Statistics 6, 1978). A model that may have any of V forms, one as
+//! likely as another beforehand, has the mean of their p. That favours few parameters. A model
+//! with more of them may fit as well, and is not ruled out then: of the odds by the evidence and those by the best form's
+//! likelihood alone, exp(-1/2 e^T e), the ones nearer to 1 count. If model i is true with the amplitudes that were fitted, and model j is fitted to what it predicts, the errors
+//! that are left have the squared length T_ij: the non-centrality by which j is refuted (A. C. Atkinson, V. V. Fedorov,
+//! Biometrika 62, 1975).
+
+use rayon::prelude::*;
+use retina_files::InputError;
+
+use crate::added::{AddedEffect, Adjusted, adjusted, check_effects};
+use crate::catalogue::Variant;
+use crate::data::Dataset;
+use crate::linear::{Basis, dot};
+use crate::noise::{Weights, robust_fit};
+use crate::own::evaluate;
+use crate::score::{Frame, Score};
+
+/// A model that may be the true one.
+#[derive(Clone)]
+pub struct Rival {
+    /// What it is called.
+    pub name: String,
+    /// Its effects, beside the baseline.
+    pub effects: Vec<AddedEffect>,
+}
+
+/// What the data say of a rival.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Judgement {
+    /// ln of the evidence; only differences mean something.
+    pub ln_evidence: f64,
+    /// ln of the likelihood of its best form; only differences mean something.
+    pub ln_likelihood: f64,
+    /// ln of the odds of the likeliest rival against it.
+    pub ln_odds_against: f64,
+    /// Probability among the rivals, all alike beforehand.
+    pub probability: f64,
+    /// Rms of the errors that it leaves over that of the noise, per component: 1 where all is noise.
+    pub error_over_noise: f64,
+}
+
+/// Rivals fitted to data.
+pub struct Rivals<'a> {
+    rivals: &'a [Rival],
+    fitted: Vec<Fitted>,
+    judgements: Vec<Judgement>,
+    noise: NoiseByLight,
+}
+
+/// What a rival's fit chose.
+struct Fitted {
+    /// Shape parameters that were chosen from lists: effect, value.
+    shape: Vec<(usize, f64)>,
+    /// Of each effect the parameters of a user's formula; empty for a catalogued one.
+    own: Vec<Vec<f64>>,
+}
+
+/// Standard deviation of a component against the key that the noise depends on, and the common error of an exposure.
+struct NoiseByLight {
+    /// Key and standard deviation, in rising order of keys.
+    curve: Vec<(f64, f64)>,
+    jitter_variance: f64,
+    /// Size of a held calibration's own error.
+    field_size: f64,
+}
+
+/// Points of the noise's curve.
+const CURVE: usize = 40;
+/// Most forms of a rival's effect that are tried on planned exposures.
+const MOST_FORMS: usize = 12;
+
+impl NoiseByLight {
+    fn of(data: &Dataset, weights: &Weights) -> Self {
+        let mut rows: Vec<usize> = (0..data.len()).filter(|&row| !weights.outlier[row]).collect();
+        rows.sort_by(|&a, &b| data.noise_key[a].total_cmp(&data.noise_key[b]));
+        let size = rows.len().div_ceil(CURVE).max(1);
+        let mean =
+            |rows: &[usize], of: &[f64]| rows.iter().map(|&row| of[row]).sum::<f64>() / rows.len() as f64;
+        let curve = rows
+            .chunks(size)
+            .map(|chunk| (mean(chunk, &data.noise_key), mean(chunk, &weights.sigma)))
+            .collect();
+        Self { curve, jitter_variance: weights.jitter_variance, field_size: weights.field_size }
+    }
+
+    /// Interpolated; beyond the ends it stays as it is there.
+    fn sigma(&self, key: f64) -> f64 {
+        let at = self.curve.partition_point(|(own, _)| *own < key);
+        match (at.checked_sub(1).map(|below| self.curve[below]), self.curve.get(at)) {
+            (Some((low, a)), Some(&(high, b))) if high > low => a + (b - a) * (key - low) / (high - low),
+            (Some((_, sigma)), _) | (None, Some(&(_, sigma))) => sigma,
+            (None, None) => 1.0,
+        }
+    }
+
+    /// Weights of rows that count as so many; of those that count as none there is no weight.
+    fn weights(&self, data: &Dataset, count: impl Fn(usize) -> f64) -> Weights {
+        let sigma: Vec<f64> = data.noise_key.iter().map(|key| self.sigma(*key)).collect();
+        Weights {
+            weight: sigma.iter().enumerate().map(|(row, sigma)| count(row) / (sigma * sigma)).collect(),
+            jitter_variance: self.jitter_variance,
+            outlier: (0..data.len()).map(|row| count(row) == 0.0).collect(),
+            sigma,
+            field_size: self.field_size,
+        }
+    }
+}
+
+impl<'a> Rivals<'a> {
+    /// Fits each rival to the data and judges them. All errors are weighed alike: by the noise beside everything that any
+    /// of them can explain.
+    ///
+    /// # Errors
+    /// An effect does not fit the data.
+    pub fn fit(data: &Dataset, rivals: &'a [Rival]) -> Result<Self, InputError> {
+        for rival in rivals {
+            check_effects(data, &rival.effects)?;
+        }
+        let all: Vec<Adjusted> = rivals.par_iter().map(|rival| adjusted(data, &rival.effects)).collect();
+        let mut columns: Vec<Vec<f64>> = data.baseline_terms().iter().map(|term| data.column(term)).collect();
+        for fit in &all {
+            let own = fit.base.iter().zip(&fit.owner).filter(|(_, owner)| owner.is_some());
+            columns.extend(own.map(|(column, _)| column.clone()));
+            columns.extend(fit.user_values.iter().map(|(_, values)| values.clone()));
+        }
+        let weights = robust_fit(data, &columns).weights;
+        let components = (weights.kept() * data.components()) as f64;
+        let mut judgements: Vec<Judgement> = all
+            .par_iter()
+            .zip(rivals)
+            .map(|(fit, rival)| {
+                let (ln_evidence, ln_likelihood) = evidence(fit, rival, &weights, components);
+                let left = weights.rms(data.components(), &residual(fit, &weights));
+                Judgement {
+                    ln_evidence,
+                    ln_likelihood,
+                    ln_odds_against: 0.0,
+                    probability: 0.0,
+                    error_over_noise: left / weights.floor(),
+                }
+            })
+            .collect();
+        weigh(&mut judgements);
+        let fitted = all.iter().zip(rivals).map(|(fit, rival)| Fitted::of(fit, rival, &weights)).collect();
+        let noise = NoiseByLight::of(data, &weights);
+        Ok(Self { rivals, fitted, judgements, noise })
+    }
+
+    /// What the data say of each.
+    pub fn judgements(&self) -> &[Judgement] {
+        &self.judgements
+    }
+
+    /// T_ij, in row i and column j, on `design`: the measured rows and after them those that are planned, of which only
+    /// the columns count. Amplitudes are those that the measured rows tell. `measured` says which rows are, and each of
+    /// them stands for `stands_for` rows of the data.
+    pub fn separations(
+        &self,
+        design: &Dataset,
+        measured: &(dyn Fn(usize) -> bool + Sync),
+        stands_for: f64,
+    ) -> Vec<Vec<f64>> {
+        let of = |planned: f64| {
+            let count = |row: usize| if measured(row) { stands_for } else { planned };
+            self.noise.weights(design, count)
+        };
+        let (old, all) = (of(0.0), of(1.0));
+        let base: Vec<Vec<f64>> = design.baseline_terms().iter().map(|term| design.column(term)).collect();
+        let whitened = |weights: &Weights, column: &[f64]| weights.whitened(design, column);
+        let fitted = |weights: &Weights| {
+            let mut out = Basis::spanning(&weights.whitened_field(design));
+            base.iter().for_each(|column| {
+                out.push(whitened(weights, column));
+            });
+            out
+        };
+        let (beside, known) = (fitted(&all), fitted(&old));
+        let forms: Vec<Vec<Form>> =
+            self.rivals.iter().zip(&self.fitted).map(|(rival, fitted)| fitted.forms(rival, design)).collect();
+        // What each predicts, beside the baseline.
+        let predicted: Vec<Vec<f64>> = forms
+            .iter()
+            .map(|forms| {
+                let Some(form) = forms.first() else { return vec![0.0; design.y.len()] };
+                let mut basis = known.clone();
+                form.columns.iter().for_each(|column| {
+                    basis.push(whitened(&old, column));
+                });
+                let left: Vec<f64> = design.y.iter().zip(&form.fixed).map(|(y, fixed)| y - fixed).collect();
+                let amplitudes = basis.coefficients(&whitened(&old, &left));
+                let mut field = form.fixed.clone();
+                for (column, amplitude) in form.columns.iter().zip(&amplitudes[base.len()..]) {
+                    field.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
+                }
+                beside.residual(whitened(&all, &field))
+            })
+            .collect();
+        (0..forms.len())
+            .into_par_iter()
+            .map(|i| {
+                forms
+                    .iter()
+                    .enumerate()
+                    .map(|(j, forms)| {
+                        if i == j {
+                            return 0.0;
+                        }
+                        forms
+                            .iter()
+                            .map(|form| {
+                                // What the fit of j may change: amplitudes, and the fixed part's own by its slopes.
+                                let fixed = beside.residual(whitened(&all, &form.fixed));
+                                let left: Vec<f64> =
+                                    predicted[i].iter().zip(&fixed).map(|(own, fixed)| own - fixed).collect();
+                                let own = Basis::of(
+                                    form.columns.iter().map(|column| beside.residual(whitened(&all, column))),
+                                );
+                                let left = own.residual(left);
+                                dot(&left, &left)
+                            })
+                            .fold(f64::INFINITY, f64::min)
+                    })
+                    .collect()
+            })
+            .collect()
+    }
+}
+
+/// Odds and probabilities from evidence and likelihood.
+fn weigh(judgements: &mut [Judgement]) {
+    let best = judgements.iter().max_by(|a, b| a.ln_evidence.total_cmp(&b.ln_evidence)).cloned();
+    let Some(best) = best else { return };
+    for own in judgements.iter_mut() {
+        let by_evidence = best.ln_evidence - own.ln_evidence;
+        own.ln_odds_against = by_evidence.min(best.ln_likelihood - own.ln_likelihood).max(0.0);
+    }
+    let sum: f64 = judgements.iter().map(|own| (-own.ln_odds_against).exp()).sum();
+    for own in judgements {
+        own.probability = (-own.ln_odds_against).exp() / sum;
+    }
+}
+
+/// What a rival leaves of the data, in their unit.
+fn residual(fit: &Adjusted, weights: &Weights) -> Vec<f64> {
+    let values = crate::estimate::estimate(&fit.data, &fit.base, weights).values;
+    let mut out = fit.data.y.clone();
+    for (column, value) in fit.base.iter().zip(values) {
+        out.iter_mut().zip(column).for_each(|(left, c)| *left -= value * c);
+    }
+    out
+}
+
+/// One form of a rival on some rows: what does not depend on amplitudes, and columns that do.
+struct Form {
+    fixed: Vec<f64>,
+    columns: Vec<Vec<f64>>,
+}
+
+impl Fitted {
+    fn of(fit: &Adjusted, rival: &Rival, weights: &Weights) -> Self {
+        let estimate = crate::estimate::estimate(&fit.data, &fit.base, weights);
+        let own = (0..rival.effects.len())
+            .map(|index| match &rival.effects[index] {
+                AddedEffect::Catalogued(_) => Vec::new(),
+                AddedEffect::Own(_) => (0..fit.base.len())
+                    .filter(|&k| fit.owner[k] == Some(index))
+                    .map(|k| fit.start[k] + estimate.values[k])
+                    .collect(),
+            })
+            .collect();
+        Self { shape: fit.shape.iter().map(|(effect, _, value)| (*effect, *value)).collect(), own }
+    }
+
+    /// The form that the fit chose; then all that a fit to further data may choose.
+    fn forms(&self, rival: &Rival, design: &Dataset) -> Vec<Form> {
+        let mut chosen = Form { fixed: vec![0.0; design.y.len()], columns: Vec::new() };
+        let mut free = Vec::new();
+        let mut others: Vec<Vec<Vec<f64>>> = Vec::new();
+        for (index, effect) in rival.effects.iter().enumerate() {
+            match effect {
+                AddedEffect::Own(user) => {
+                    let (values, slopes) = evaluate(user.as_ref(), design, &self.own[index]);
+                    chosen.fixed.iter_mut().zip(&values).for_each(|(sum, value)| *sum += value);
+                    free.extend(slopes.iter().cloned());
+                    chosen.columns.extend(slopes);
+                }
+                AddedEffect::Catalogued(known) => {
+                    let variants = known.build(design).unwrap_or_default();
+                    let shape: Vec<f64> =
+                        self.shape.iter().filter(|(own, _)| *own == index).map(|(_, value)| *value).collect();
+                    let nearest = nearest(&variants, &shape);
+                    let Some(own) = variants.get(nearest) else { continue };
+                    chosen.columns.extend(leading(own, design));
+                    free.extend(whole(own, design));
+                    let stride = variants.len().div_ceil(MOST_FORMS).max(1);
+                    let further = variants.iter().enumerate().filter(|(k, _)| *k != nearest).step_by(stride);
+                    others.extend(further.map(|(_, variant)| whole(variant, design)));
+                }
+            }
+        }
+        // Of models with several effects only the chosen form counts: their other forms are too many.
+        let alone = rival.effects.len() == 1;
+        let others = others.into_iter().filter(|_| alone);
+        let fixed = chosen.fixed.clone();
+        let form = |columns| Form { fixed: fixed.clone(), columns };
+        let further: Vec<Form> = std::iter::once(free).chain(others).map(form).collect();
+        std::iter::once(chosen).chain(further).collect()
+    }
+}
+
+/// The form whose shape parameters are nearest.
+fn nearest(variants: &[Variant<'_>], shape: &[f64]) -> usize {
+    let far = |variant: &Variant<'_>| -> f64 {
+        let size = |a: f64, b: f64| (a - b).abs() / (a.abs() + b.abs()).max(1e-300);
+        variant.shape.iter().zip(shape).map(|((_, own), wanted)| size(*own, *wanted)).sum()
+    };
+    (0..variants.len()).min_by(|&a, &b| far(&variants[a]).total_cmp(&far(&variants[b]))).unwrap_or(0)
+}
+
+/// ln of a model's evidence, the mean over its forms, and of its best form's likelihood. Of a model of several effects one
+/// at a time has other forms than those that the fit chose.
+fn evidence(fit: &Adjusted, rival: &Rival, weights: &Weights, components: f64) -> (f64, f64) {
+    let mut found: Vec<[f64; 2]> = Vec::new();
+    let of = |others: &[Vec<f64>], further: usize, forms: &[Vec<Vec<f64>>]| -> Vec<[f64; 2]> {
+        let frame = Frame::weighted(&fit.data, others, weights.clone());
+        let square = dot(&frame.error, &frame.error);
+        let ln = |score: Score| {
+            let likelihood = -0.5 * (square - score.statistic);
+            [likelihood - 0.5 * (further + score.rank()) as f64 * components.ln(), likelihood]
+        };
+        frame.scores(forms).into_iter().map(ln).collect()
+    };
+    let owned = fit.owner.iter().flatten().count();
+    let columns = |index: usize, own: bool| -> Vec<Vec<f64>> {
+        let all = fit.base.iter().zip(&fit.owner);
+        all.filter(|(_, owner)| (**owner == Some(index)) == own).map(|(column, _)| column.clone()).collect()
+    };
+    for (index, effect) in rival.effects.iter().enumerate() {
+        let chosen = columns(index, true);
+        let further = owned - chosen.len();
+        let mut forms = vec![chosen];
+        if let AddedEffect::Catalogued(known) = effect {
+            for variant in known.build(&fit.data).unwrap_or_default() {
+                if !variant.further.is_empty() {
+                    forms.push(whole(&variant, &fit.data));
+                }
+                forms.push(leading(&variant, &fit.data));
+            }
+        }
+        found.extend(of(&columns(index, false), further, &forms));
+    }
+    if found.is_empty() {
+        // The baseline alone.
+        found = of(&fit.base, 0, &[Vec::new()]);
+    }
+    let most = |k: usize| found.iter().map(|ln| ln[k]).fold(f64::NEG_INFINITY, f64::max);
+    let sum: f64 = found.iter().map(|ln| (ln[0] - most(0)).exp()).sum();
+    (most(0) + (sum / found.len() as f64).ln(), most(1))
+}
+
+/// Columns of a form's leading terms.
+fn leading(variant: &Variant<'_>, data: &Dataset) -> Vec<Vec<f64>> {
+    variant.leading.iter().map(|term| data.column(term)).collect()
+}
+
+/// Columns of all that a form may have.
+fn whole(variant: &Variant<'_>, data: &Dataset) -> Vec<Vec<f64>> {
+    variant.leading.iter().chain(&variant.further).map(|term| data.column(term)).collect()
+}
