@@ -4,6 +4,7 @@
 //! - [`generate`] writes sets and truth, [`run`] asks the workbench, [`score`] compares.
 
 mod algebra;
+mod decided;
 mod forms;
 mod formulas;
 mod generate;
@@ -15,6 +16,7 @@ mod run;
 mod score;
 mod templates;
 
+pub use decided::decide_pairs;
 pub use generate::generate;
 pub use investigated::{investigate_sets, score_investigated};
 pub use points::campaign_table;

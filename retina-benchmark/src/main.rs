@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Parser;
-use retina_benchmark::{generate, investigate_sets, run, score, score_investigated};
+use retina_benchmark::{decide_pairs, generate, investigate_sets, run, score, score_investigated};
 use retina_files::InputError;
 
 /// The workbench's benchmark: tables with hidden effects, the workbench's answers, and how often they are right.
@@ -23,8 +23,9 @@ struct Arguments {
     /// Makes sets of this kind alone.
     ///
     /// `formula` makes other sets, with hidden formulas and without, on which `investigate` is asked
-    /// and not `diagnose`.
-    #[arg(long, value_parser = ["null", "single", "outside", "pair", "confounded", "power", "phase", "formula"])]
+    /// and not `diagnose`. `decide` counts the exposures that it takes to decide between effects that
+    /// look alike; --sets is then the number of campaigns for each pair and strength.
+    #[arg(long, value_parser = ["null", "single", "outside", "pair", "confounded", "power", "phase", "formula", "decide"])]
     kind: Option<String>,
     /// The facility.
     #[arg(long, default_value = "assets/setups/wide-fov.toml")]
@@ -56,14 +57,21 @@ fn main() -> ExitCode {
 
 fn all(arguments: &Arguments) -> Result<(), InputError> {
     let does = |part| arguments.only.is_none_or(|only| only == part);
+    let progress = |done, total, left_s: f64| {
+        eprintln!("{done} of {total} sets, {:.0} min {:02.0} s left", (left_s / 60.0).floor(), left_s % 60.0);
+    };
+    if arguments.kind.as_deref() == Some("decide") {
+        let markdown =
+            decide_pairs(&arguments.dir, &arguments.setup, arguments.sets, arguments.seed, progress)?;
+        store(&arguments.dir.join("results.md"), &markdown)?;
+        println!("{markdown}");
+        return Ok(());
+    }
     let sealed = arguments.dir.join("sealed").join("truth.jsonl");
     if does(Part::Generate) && (arguments.only.is_some() || !sealed.exists()) {
         let hash = generate(&arguments.dir, arguments.seed, arguments.sets, arguments.kind.as_deref())?;
         eprintln!("{} sets of seed {}, truth {hash}", arguments.sets, arguments.seed);
     }
-    let progress = |done, total, left_s: f64| {
-        eprintln!("{done} of {total} sets, {:.0} min {:02.0} s left", (left_s / 60.0).floor(), left_s % 60.0);
-    };
     if arguments.kind.as_deref() == Some("formula") {
         if does(Part::Run) {
             investigate_sets(&arguments.dir, &arguments.setup, progress)?;

@@ -21,6 +21,21 @@ pub(crate) const NOISE_ARCSEC: f64 = 1.5;
 const COUNTS: [f64; 6] = [18.0, 32.0, 60.0, 110.0, 180.0, 255.0];
 const INTERVAL_S: f64 = 90.0;
 
+/// Time constant of the mount that lags, in intervals between exposures.
+const LAG: std::ops::Range<f64> = 1.5..5.0;
+
+/// An exposure that is planned.
+pub(crate) struct Shot {
+    pub(crate) time_s: f64,
+    pub(crate) temperature_c: f64,
+    pub(crate) roll_deg: f64,
+    pub(crate) mounting: usize,
+    /// 0, 1, 2: r, g, b; 3: w.
+    pub(crate) channel: usize,
+    /// Place on the screen, px, and digital count.
+    pub(crate) points: Vec<(DVec2, f64)>,
+}
+
 /// How the bench's temperature goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub(crate) enum Chamber {
@@ -97,7 +112,7 @@ impl Campaign {
     fn points(&self, random: &mut ChaCha8Rng) -> Vec<(usize, Point)> {
         let temperatures = self.temperatures(random);
         let mut out = Vec::with_capacity(self.rows);
-        let (mut lagged, lag) = (temperatures[0], random.random_range(1.5..5.0));
+        let (mut lagged, lag) = (temperatures[0], random.random_range(LAG));
         let roll_rad = self.roll_deg.to_radians();
         let mut humidity = 50.0;
         for (exposure, &temperature_c) in temperatures.iter().enumerate() {
@@ -126,7 +141,7 @@ impl Campaign {
                     channel: if self.colours { random.random_range(0..3usize) } else { 3 },
                     roll_rad,
                 };
-                point.camera_px = self.camera_px(point.r);
+                point.camera_px = camera_px(point.r, roll_rad, 0);
                 out.push((exposure, point));
             }
         }
@@ -149,12 +164,6 @@ impl Campaign {
                 }
             })
             .collect()
-    }
-
-    /// Camera pixel of a line of sight in the facility's axes: the camera is turned, and a little beside its place.
-    fn camera_px(&self, r: DVec2) -> DVec2 {
-        let turned = DVec2::from_angle(0.01 - self.roll_deg.to_radians()).rotate(r) * 1.002;
-        (turned + DVec2::new(3e-4, -2e-4)) * CAMERA_FOCAL_PX + 0.5 * CAMERA_PX
     }
 
     /// The campaign with effects; those of one facility keep their `natures` and, where they are given, `amplitudes`.
@@ -182,47 +191,14 @@ impl Campaign {
             found.push(a);
             fields.push(field(h, nature, a));
         }
-        // Noise, and the shift that all points of an exposure share.
-        let mut noise = Vec::with_capacity(2 * self.rows);
-        let mut shift = DVec2::ZERO;
-        let mut last = usize::MAX;
-        let mut wild = vec![DVec2::ZERO; points.len()];
-        for (row, (exposure, _)) in points.iter().enumerate() {
-            if *exposure != last {
-                let new = DVec2::new(normal(&mut random), normal(&mut random)) * self.jitter * NOISE_ARCSEC;
-                let kept = if last == usize::MAX { 0.0 } else { self.wander };
-                shift = shift * kept + new * (1.0 - kept * kept).sqrt();
-                last = *exposure;
-            }
-            let own = DVec2::new(normal(&mut random), normal(&mut random)) * sigma[row];
-            noise.extend((own + shift).to_array());
-            if random.random_range(0.0..1.0) < self.outliers {
-                let angle = random.random_range(0.0..std::f64::consts::TAU);
-                wild[row] = DVec2::from_angle(angle) * random.random_range(15.0..200.0);
-            }
-        }
+        let (noise, wild) = self.noise(&points, &sigma, &mut random);
         let mut text = String::from(
             "image,screen_x_px,screen_y_px,digital_count,camera_x_px,camera_y_px,channel,time_s,temperature_c,row_load,humidity,camera_roll_deg\n",
         );
         for (row, (exposure, p)) in points.iter().enumerate() {
-            let effect: DVec2 = fields.iter().map(|f| DVec2::new(f[2 * row], f[2 * row + 1])).sum();
-            let off = effect + DVec2::new(noise[2 * row], noise[2 * row + 1]) + wild[row];
-            let px = self.camera_px(p.r + off * ARCSEC);
-            let _ = writeln!(
-                text,
-                "e{exposure:04},{:.5},{:.5},{},{:.6},{:.6},{},{},{:.4},{:.4},{:.3},{}",
-                p.screen_px.x,
-                p.screen_px.y,
-                p.count,
-                px.x,
-                px.y,
-                ["r", "g", "b", "w"][p.channel],
-                p.time_s,
-                p.temperature_c,
-                p.row_load,
-                p.humidity,
-                self.roll_deg
-            );
+            let off = off_arcsec(&fields, &noise, &wild, row);
+            let px = camera_px(p.r + off * ARCSEC, p.roll_rad, 0);
+            let _ = writeln!(text, "e{exposure:04},{},{}", cells(p, px), self.roll_deg);
         }
         let r_squared = hidden
             .iter()
@@ -258,6 +234,108 @@ impl Campaign {
         Made { text, fields, r_squared, oracle_sigma, amplitudes: found }
     }
 
+    /// Noise of each row, both axes side by side, with the shift that all points of an exposure share; and how far outliers
+    /// are off.
+    fn noise(
+        &self,
+        points: &[(usize, Point)],
+        sigma: &[f64],
+        random: &mut ChaCha8Rng,
+    ) -> (Vec<f64>, Vec<DVec2>) {
+        let mut noise = Vec::with_capacity(2 * points.len());
+        let mut shift = DVec2::ZERO;
+        let mut last = usize::MAX;
+        let mut wild = vec![DVec2::ZERO; points.len()];
+        for (row, (exposure, _)) in points.iter().enumerate() {
+            if *exposure != last {
+                let new = DVec2::new(normal(random), normal(random)) * self.jitter * NOISE_ARCSEC;
+                let kept = if last == usize::MAX { 0.0 } else { self.wander };
+                shift = shift * kept + new * (1.0 - kept * kept).sqrt();
+                last = *exposure;
+            }
+            let own = DVec2::new(normal(random), normal(random)) * sigma[row];
+            noise.extend((own + shift).to_array());
+            if random.random_range(0.0..1.0) < self.outliers {
+                let angle = random.random_range(0.0..std::f64::consts::TAU);
+                wild[row] = DVec2::from_angle(angle) * random.random_range(15.0..200.0);
+            }
+        }
+        (noise, wild)
+    }
+
+    /// Exposures that are planned, after the campaign and with its effects: a table with the camera's mountings. Points that
+    /// the camera does not see are left out.
+    pub(crate) fn follow(
+        &self,
+        shots: &[Shot],
+        hidden: &[Hidden],
+        natures: &[Nature],
+        amplitudes: &[f64],
+        seed: u64,
+    ) -> String {
+        let mut before = ChaCha8Rng::seed_from_u64(self.seed);
+        let temperatures = self.temperatures(&mut before);
+        let lag: f64 = before.random_range(LAG);
+        let step = |lagged: f64, now: f64, intervals: f64| {
+            lagged + (now - lagged) * (1.0 - f64::exp(-intervals / lag))
+        };
+        let mut lagged = temperatures.iter().fold(temperatures[0], |lagged, now| step(lagged, *now, 1.0));
+        let mut last_s = INTERVAL_S * (self.exposures - 1) as f64;
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut points = Vec::new();
+        let mut mountings = Vec::new();
+        for (exposure, shot) in shots.iter().enumerate() {
+            lagged = step(lagged, shot.temperature_c, (shot.time_s - last_s) / INTERVAL_S);
+            last_s = shot.time_s;
+            let roll_rad = shot.roll_deg.to_radians();
+            for &(screen_px, count) in &shot.points {
+                let r = distorted((screen_px - SCREEN_CENTRE_PX) / SCREEN_FOCAL_PX);
+                let point = Point {
+                    r,
+                    camera_px: camera_px(r, roll_rad, shot.mounting),
+                    screen_px,
+                    count,
+                    f: (count / 255.0).powf(2.2),
+                    time_s: shot.time_s,
+                    passed: shot.time_s / INTERVAL_S / (self.exposures as f64 - 1.0),
+                    temperature_c: shot.temperature_c,
+                    lagged_c: lagged,
+                    row_load: random.random_range(0.0..1.0),
+                    humidity: 50.0,
+                    channel: shot.channel,
+                    roll_rad,
+                };
+                let seen = point.camera_px;
+                if seen.cmpge(DVec2::ZERO).all() && seen.cmple(CAMERA_PX).all() {
+                    points.push((exposure, point));
+                    mountings.push((shot.roll_deg, shot.mounting));
+                }
+            }
+        }
+        let sigma: Vec<f64> = points.iter().map(|(_, p)| noise_arcsec(p.count)).collect();
+        let moved =
+            |h: &Hidden, nature: &Nature, a: f64, p: &Point| (seen(&h.id, nature, a, p) - p.r) / ARCSEC;
+        let fields: Vec<Vec<f64>> = hidden
+            .iter()
+            .zip(natures)
+            .zip(amplitudes)
+            .map(|((h, nature), a)| {
+                points.iter().flat_map(|(_, p)| moved(h, nature, *a, p).to_array()).collect()
+            })
+            .collect();
+        let (noise, wild) = self.noise(&points, &sigma, &mut random);
+        let mut text = String::from(
+            "image,screen_x_px,screen_y_px,digital_count,camera_x_px,camera_y_px,channel,time_s,temperature_c,row_load,humidity,camera_roll_deg,mounting\n",
+        );
+        for (row, (exposure, p)) in points.iter().enumerate() {
+            let (roll_deg, mounting) = mountings[row];
+            let off = off_arcsec(&fields, &noise, &wild, row);
+            let px = camera_px(p.r + off * ARCSEC, p.roll_rad, mounting);
+            let _ = writeln!(text, "f{exposure:04},{},{roll_deg},{mounting}", cells(p, px));
+        }
+        text
+    }
+
     /// V^(-1/2) with the true noise and jitter; outliers do not count.
     fn whitened(&self, values: &[f64], exposure: &[usize], sigma: &[f64], wild: &[DVec2]) -> Vec<f64> {
         let mut out = values.to_vec();
@@ -279,6 +357,37 @@ impl Campaign {
         }
         out
     }
+}
+
+/// Camera pixel of a line of sight in the facility's axes: the camera is turned, and a little beside its place, at each
+/// mounting another one.
+fn camera_px(r: DVec2, roll_rad: f64, mounting: usize) -> DVec2 {
+    let anew = DVec2::from_angle(2.4 * mounting as f64) * 1e-4 * mounting.min(1) as f64;
+    let turned = DVec2::from_angle(0.01 + anew.x - roll_rad).rotate(r) * 1.002;
+    (turned + DVec2::new(3e-4, -2e-4) + anew) * CAMERA_FOCAL_PX + 0.5 * CAMERA_PX
+}
+
+/// How far a row's line of sight is off.
+fn off_arcsec(fields: &[Vec<f64>], noise: &[f64], wild: &[DVec2], row: usize) -> DVec2 {
+    let effect: DVec2 = fields.iter().map(|f| DVec2::new(f[2 * row], f[2 * row + 1])).sum();
+    effect + DVec2::new(noise[2 * row], noise[2 * row + 1]) + wild[row]
+}
+
+/// A row's cells, but for the exposure's name and the camera's mounting.
+fn cells(p: &Point, camera_px: DVec2) -> String {
+    format!(
+        "{:.5},{:.5},{},{:.6},{:.6},{},{},{:.4},{:.4},{:.3}",
+        p.screen_px.x,
+        p.screen_px.y,
+        p.count,
+        camera_px.x,
+        camera_px.y,
+        ["r", "g", "b", "w"][p.channel],
+        p.time_s,
+        p.temperature_c,
+        p.row_load,
+        p.humidity,
+    )
 }
 
 /// Noise per axis of a point.

@@ -70,3 +70,34 @@ fn what_cannot_be_halved_is_refused_and_nothing_is_written() {
     let out = asked(folder.path(), &readings(24), &["--terms", "0"]);
     assert_refused(&out, &["--terms"]);
 }
+
+/// What was found in one table is tried on the next, and named there.
+#[test]
+fn a_kept_formula_is_tried_by_diagnose() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    assert_done(&asked(folder, &readings(24), &["--out", "kept", "--terms", "1"]));
+    std::fs::write(folder.join("kept/of_points.toml"), "name = \"of_points\"\nunit = \"arcsec\"\ndx = \"a * x\"\ndy = \"a * y\"\n[parameters]\na = { start = 1.0, unit = \"arcsec\" }\n").unwrap();
+    let diagnosed = |table: &str, catalogue: &str| {
+        std::fs::write(folder.join("power.csv"), table).unwrap();
+        let setup = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/setups/wide-fov.toml");
+        let mut command = retina();
+        command.current_dir(folder).args(["diagnose", "--data", "power.csv", "--json", "--setup"]).arg(setup);
+        command.args(["--catalogue", catalogue]).output().unwrap()
+    };
+    // Twenty other series of the same instrument.
+    let out = diagnosed(&readings(20), "kept");
+    assert_done(&out);
+    let said = String::from_utf8(out.stdout).unwrap();
+    assert!(said.contains("\"name\": \"found_1\"") && !said.contains("\"verdict\": \"unknown\""), "{said}");
+    assert!(said.contains("of_points.toml was not tried"), "{said}");
+    // Where nothing depends on it, it is not taken.
+    let dry =
+        readings(24).lines().map(|line| line.replace("humidity", "other")).collect::<Vec<_>>().join("\n");
+    let out = diagnosed(&(dry + "\n"), "kept");
+    assert_done(&out);
+    assert!(String::from_utf8(out.stdout).unwrap().contains("\"kept\": []"));
+    std::fs::create_dir(folder.join("empty")).unwrap();
+    assert_refused(&diagnosed(&readings(20), "empty"), &["--catalogue", "holds no formulas"]);
+    assert_refused(&diagnosed(&readings(20), "nowhere"), &["--catalogue", "cannot be read"]);
+}

@@ -4,7 +4,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use retina_calibration::geometry::MeasurementPlan;
-use retina_diagnosis::{Dataset, Rivals};
+use retina_diagnosis::{Apart, Dataset, DesignRows, Rivals};
 use retina_files::InputError;
 use retina_formats::PointsTable;
 use retina_geometry::Setup;
@@ -65,8 +65,11 @@ pub struct Design {
     pub separations: Vec<Separation>,
     /// Sequences that were tried.
     pub tried: usize,
+    gains: bool,
 }
 
+/// Exposures that are looked ahead, of which the first are made: one alone may tell nothing.
+const LOOK_AHEAD: usize = 4;
 /// Random sequences at the beginning.
 const STARTS: usize = 24;
 /// Sequences that are changed at once.
@@ -77,8 +80,13 @@ const ROUNDS: usize = 24;
 const CHANGES: usize = 8;
 /// One exposure of so many is not chosen by the rivals but for being unlike the others: none of them may be true.
 const SPACE_FILLING: usize = 4;
+/// Times that places are improved, and places among which each is chosen.
+const PASSES: usize = 3;
+const POOL: usize = 6;
 /// Random conditions among which the most unlike are taken.
 const UNLIKE: usize = 16;
+/// Gain in squared sigma below which exposures tell a pair apart no better than before.
+const LEAST_GAIN: f64 = 1.0;
 /// Expected squared distance at which a pair counts as decided: ln odds rise by half of it.
 const ENOUGH: f64 = 4.0 * LN_ODDS;
 
@@ -97,20 +105,18 @@ impl Design {
         let material = Material::new(wanted.table, wanted.setup, light, levels);
         let mut random = ChaCha8Rng::seed_from_u64(wanted.seed);
         let pairs = pairs(wanted.left);
-        let squares = |settings: &[Setting]| -> Result<Vec<f64>, InputError> {
-            let data = make(material.table(&material.planned(settings)))?;
-            let measured = material.measured();
-            let all =
-                wanted.rivals.separations(&data, &|row| data.order[row] < measured, material.stands_for);
-            Ok(pairs.iter().map(|&[i, j]| all[i][j].min(all[j][i])).collect())
-        };
+        let search = Search { wanted, material: &material, pairs: &pairs, make };
+        let squares = |settings: &[Setting]| search.squares(&material.planned(settings));
         let before = squares(&[])?;
+        let random_alone = wanted.choice == Choice::Random;
+        let ahead = if random_alone { wanted.exposures } else { wanted.exposures.max(LOOK_AHEAD) };
         let any = |random: &mut ChaCha8Rng| -> Vec<Setting> {
-            (0..wanted.exposures).map(|_| material.levels.any(random)).collect()
+            (0..ahead).map(|_| material.levels.any(random)).collect()
         };
-        if wanted.choice == Choice::Random {
-            let settings = any(&mut random);
-            return Ok(Self::of(&material, &settings, &pairs, &before, &squares(&settings)?, 1));
+        if random_alone {
+            let planned = material.planned(&any(&mut random));
+            let after = search.squares(&planned)?;
+            return Ok(Self::of(planned, &pairs, [&before, &after, &after], 1));
         }
         let mut tried = 0;
         let mut scored: Vec<(f64, Vec<Setting>, Vec<f64>)> = Vec::new();
@@ -139,33 +145,120 @@ impl Design {
                 .collect();
         }
         let (_, settings, after) = &scored[0];
-        Ok(Self::of(&material, settings, &pairs, &before, after, tried))
+        let (planned, after) =
+            search.with_better_places(&before, material.planned(settings), after.clone())?;
+        let now = match planned.len() > wanted.exposures {
+            true => search.squares(&planned[..wanted.exposures])?,
+            false => after.clone(),
+        };
+        let planned = planned.into_iter().take(wanted.exposures).collect();
+        Ok(Self::of(planned, &pairs, [&before, &now, &after], tried))
     }
 
-    fn of(
-        material: &Material<'_>,
-        settings: &[Setting],
-        pairs: &[[usize; 2]],
-        before: &[f64],
-        after: &[f64],
-        tried: usize,
-    ) -> Self {
+    /// Squared separations: before, after these exposures, and after all that were looked ahead.
+    fn of(planned: Vec<Planned>, pairs: &[[usize; 2]], squares: [&[f64]; 3], tried: usize) -> Self {
+        let [before, after, reached] = squares;
         let separation = |((pair, before), after): ((&[usize; 2], &f64), &f64)| Separation {
             pair: *pair,
             before: before.sqrt(),
             after: after.sqrt(),
         };
         Self {
-            planned: material.planned(settings),
+            planned,
+            gains: before.iter().zip(reached).any(|(before, reached)| reached - before > LEAST_GAIN),
             separations: pairs.iter().zip(before).zip(after).map(separation).collect(),
             tried,
         }
+    }
+
+    /// Whether these exposures, or some after them, tell any pair further apart than the measurements at hand do.
+    pub fn gains(&self) -> bool {
+        self.gains
     }
 
     /// As screens and exposures.
     pub fn measurement_plan(&self, setup: &Setup) -> MeasurementPlan {
         measurement_plan(&self.planned, setup)
     }
+}
+
+/// What sequences are judged with.
+struct Search<'a> {
+    wanted: &'a Wanted<'a>,
+    material: &'a Material<'a>,
+    pairs: &'a [[usize; 2]],
+    make: MakeData<'a>,
+}
+
+impl Search<'_> {
+    /// The nearer of both ways of each pair, and the data.
+    fn apart(&self, planned: &[Planned], planned_for: f64) -> Result<(Vec<Apart>, Dataset), InputError> {
+        let data = (self.make)(self.material.table(planned))?;
+        let measured = self.material.measured();
+        let mut all = self.wanted.rivals.separations(&DesignRows {
+            data: &data,
+            measured: &|row| data.order[row] < measured,
+            stands_for: self.material.stands_for,
+            planned_for,
+        });
+        let nearer = |&[i, j]: &[usize; 2]| {
+            let (a, b) = (std::mem::take(&mut all[i][j]), std::mem::take(&mut all[j][i]));
+            if a.square <= b.square { a } else { b }
+        };
+        Ok((self.pairs.iter().map(nearer).collect(), data))
+    }
+
+    fn squares(&self, planned: &[Planned]) -> Result<Vec<f64>, InputError> {
+        Ok(self.apart(planned, 1.0)?.0.iter().map(|apart| apart.square).collect())
+    }
+
+    /// Moves most points of each exposure to where the rivals differ most, as long as that tells them further apart.
+    /// Exposures that fill space keep their places, and so does a share of the points of the others.
+    fn with_better_places(
+        &self,
+        before: &[f64],
+        mut planned: Vec<Planned>,
+        mut after: Vec<f64>,
+    ) -> Result<(Vec<Planned>, Vec<f64>), InputError> {
+        if self.material.levels.layouts.len() == 1 {
+            return Ok((planned, after));
+        }
+        for pass in 0..PASSES {
+            let mut pool = planned.clone();
+            for (k, own) in pool.iter_mut().enumerate().filter(|(k, _)| !fills_space(*k)) {
+                own.points = self.material.pool(own, POOL, self.wanted.seed ^ ((pass * 1000 + k) as u64));
+            }
+            let (apart, data) = self.apart(&pool, 1.0 / POOL as f64)?;
+            // Of each row what it tells about the pairs that are not decided by far.
+            let mut told = vec![0.0; data.order.len()];
+            for (apart, before) in apart.iter().zip(before) {
+                let share = 1.0 / (apart.square - before).max(1.0);
+                for (row, square) in apart.by_row.iter().enumerate() {
+                    told[data.order[row]] += share * square;
+                }
+            }
+            let mut trial = planned.clone();
+            let mut row = self.material.measured();
+            for (k, (own, pool)) in trial.iter_mut().zip(&pool).enumerate() {
+                let own_rows = told.get(row..row + pool.points.len()).unwrap_or_default();
+                row += pool.points.len();
+                if !fills_space(k) {
+                    self.material.choose(own, pool, own_rows);
+                }
+            }
+            let found = self.squares(&trial)?;
+            if worth(before, &found) <= worth(before, &after) {
+                break;
+            }
+            (planned, after) = (trial, found);
+        }
+        Ok((planned, after))
+    }
+}
+
+/// Whether an exposure of a sequence is there to be unlike the others.
+fn fills_space(at: usize) -> bool {
+    at % SPACE_FILLING == SPACE_FILLING - 1
 }
 
 fn pairs(left: &[usize]) -> Vec<[usize; 2]> {
@@ -193,7 +286,7 @@ fn changed(levels: &Levels, settings: &mut [Setting], random: &mut ChaCha8Rng) {
 
 /// Makes each so-many-th exposure the most unlike those before it, of some that its own seed draws.
 fn fill_space(levels: &Levels, settings: &mut [Setting]) {
-    for at in (SPACE_FILLING - 1..settings.len()).step_by(SPACE_FILLING) {
+    for at in (0..settings.len()).filter(|at| fills_space(*at)) {
         let mut random = ChaCha8Rng::seed_from_u64(settings[at].seed);
         let unlike = |setting: &Setting| {
             settings[..at].iter().map(|other| Levels::distance(setting, other)).min().unwrap_or(0)

@@ -6,13 +6,16 @@ use retina_radiometry::ScreenResponse;
 
 /// Points of a curve.
 const CURVE: usize = 20;
+/// Counts between which a display's light is known.
+const BRIGHTEST: u8 = 255;
+const FAINTEST: u8 = 8;
 /// Share of the table's points that are fainter than a well exposed one.
 const WELL_EXPOSED: f64 = 0.9;
 
 /// Light of a table's points.
 pub(crate) struct Light {
     response: ScreenResponse,
-    /// Counts that the table has, brightest first.
+    /// Counts that the table has, brightest first; where exposure times are known, brighter and fainter ones too.
     counts: Vec<u8>,
     /// Irradiance times exposure time of a well exposed point; `None` where the table has no exposure times.
     exposed: Option<f64>,
@@ -25,6 +28,11 @@ impl Light {
         let response = measured_or_power_law(None, setup);
         let usable: Vec<&PointRow> = table.rows.iter().filter(|row| !row.saturated).collect();
         let mut counts: Vec<u8> = usable.iter().map(|row| row.digital_count.round().max(1.0) as u8).collect();
+        let with_time = usable.iter().all(|row| row.exposure_s.is_some());
+        if with_time {
+            // The exposure time makes up for the brightness.
+            counts.extend([BRIGHTEST, FAINTEST]);
+        }
         counts.sort_unstable_by(|a, b| b.cmp(a));
         counts.dedup();
         let mut doses: Vec<(f64, &PointRow)> = usable
@@ -35,7 +43,6 @@ impl Light {
             })
             .collect();
         doses.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let with_time = usable.iter().all(|row| row.exposure_s.is_some());
         let at = ((doses.len() as f64 * WELL_EXPOSED) as usize).min(doses.len().saturating_sub(1));
         let exposed = doses.get(at).map(|(dose, _)| *dose).filter(|_| with_time);
         let size = doses.len().div_ceil(CURVE).max(1);

@@ -17,7 +17,7 @@ pub(crate) enum Layout {
 }
 
 /// Spots nearer to each other than this merge, camera px.
-const APART_PX: f64 = 20.0;
+pub(crate) const APART_PX: f64 = 20.0;
 /// Points keep this share of the sensor's side from its edge: distortion moves them.
 const MARGIN: f64 = 0.03;
 /// Share of the half diagonal beyond which the outer part begins, and below which the inner part ends.

@@ -10,8 +10,10 @@ use retina_geometry::Setup;
 
 use crate::conditions::{Levels, Setting};
 use crate::light::Light;
-use crate::places::{Layout, places};
+use crate::places::{APART_PX, Layout, places};
 
+/// One of so many points of an exposure stays where it is when the others move to where they tell most.
+const KEPT: usize = 4;
 /// Most measured rows that a plan is judged beside.
 const MOST_ROWS: usize = 800;
 
@@ -34,7 +36,7 @@ pub(crate) struct Material<'a> {
 /// An exposure with its conditions in full.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Planned {
-    /// How its points lie: `even`, `edge` or `centre`.
+    /// How its points lie: `even`, `edge`, `centre`, or `chosen` one by one.
     pub layout: &'static str,
     /// Digital counts of its points.
     pub counts: Vec<u8>,
@@ -147,6 +149,49 @@ impl<'a> Material<'a> {
         places.iter().zip(order).map(point).collect()
     }
 
+    /// Places and counts from which the points of an exposure may be chosen: `times` as many as it has, its own among them.
+    pub(crate) fn pool(&self, planned: &Planned, times: usize, seed: u64) -> Vec<PatternPoint> {
+        let roll_rad = planned.exposure.camera_roll_deg.unwrap_or(0.0).to_radians();
+        let mut out = planned.points.clone();
+        for layer in 1..times {
+            let seed = seed.wrapping_add(layer as u64);
+            let more = places(self.setup, Layout::Even, roll_rad, planned.points.len(), seed);
+            let count = |k: usize| planned.counts[(k + layer) % planned.counts.len()];
+            out.extend(more.iter().enumerate().map(|(k, [column, row])| PatternPoint {
+                column: *column,
+                row: *row,
+                digital_count: count(k),
+            }));
+        }
+        out.sort_by_key(|point| (point.row, point.column));
+        out.dedup_by_key(|point| (point.row, point.column));
+        out
+    }
+
+    /// Takes for an exposure those points of a pool that tell most, none of which merge; a share of its own stays.
+    pub(crate) fn choose(&self, own: &mut Planned, pool: &Planned, told: &[f64]) {
+        let wanted = own.points.len();
+        let apart_px = APART_PX * self.setup.facility_pinhole().fx_px / self.setup.camera_pinhole().fx_px;
+        let mut out: Vec<PatternPoint> = own.points.iter().copied().step_by(KEPT).collect();
+        let mut order: Vec<usize> = (0..pool.points.len()).collect();
+        order.sort_by(|&a, &b| {
+            let of = |k: usize| told.get(k).copied().unwrap_or(0.0);
+            of(b).total_cmp(&of(a))
+        });
+        for k in order {
+            if out.len() >= wanted {
+                break;
+            }
+            let point = pool.points[k];
+            if out.iter().all(|other| other.screen_px().distance(point.screen_px()) >= apart_px) {
+                out.push(point);
+            }
+        }
+        out.sort_by_key(|point| (point.row, point.column));
+        own.points = out;
+        own.layout = "chosen";
+    }
+
     /// The measured rows, and behind them those of planned exposures with the places where the camera is expected to see
     /// them.
     pub(crate) fn table(&self, planned: &[Planned]) -> PointsTable {
@@ -199,10 +244,30 @@ struct Offsets<'a> {
 impl<'a> Offsets<'a> {
     fn of(table: &PointsTable, setup: &'a Setup) -> Self {
         let (facility, camera) = (setup.facility_pinhole(), setup.camera_pinhole());
+        let sights =
+            |row: &PointRow| (facility.line_of_sight(row.screen_px), camera.line_of_sight(row.camera_px));
+        // Tables count the roll one way or the other about the boresight: the points of each roll tell by how much they
+        // are turned.
+        let mut turns: Vec<(Option<f64>, f64, f64)> = Vec::new();
+        for row in &table.rows {
+            let (shown, seen) = sights(row);
+            let at = match turns.iter().position(|(roll, ..)| *roll == row.camera_roll_deg) {
+                Some(at) => at,
+                None => {
+                    turns.push((row.camera_roll_deg, 0.0, 0.0));
+                    turns.len() - 1
+                }
+            };
+            turns[at].1 += seen.perp_dot(shown);
+            turns[at].2 += seen.dot(shown);
+        }
+        let turn = |roll: Option<f64>| {
+            let known = turns.iter().find(|(own, ..)| *own == roll);
+            known.map_or(0.0, |(_, cross, along)| cross.atan2(*along))
+        };
         let known = table.rows.iter().map(|row| {
-            let facility_from_camera = DMat2::from_angle(row.camera_roll_deg.unwrap_or(0.0).to_radians());
-            let sight = facility_from_camera * camera.line_of_sight(row.camera_px);
-            (row.screen_px, sight - facility.line_of_sight(row.screen_px))
+            let (shown, seen) = sights(row);
+            (row.screen_px, DMat2::from_angle(turn(row.camera_roll_deg)) * seen - shown)
         });
         Self { setup, known: known.collect() }
     }

@@ -5,6 +5,7 @@ use crate::catalogue::Effect;
 use crate::data::Dataset;
 use crate::estimate::{Implausible, Parameter, estimate, implausible};
 use crate::flips::Flips;
+use crate::kept::KeptEffect;
 use crate::next::{NextMeasurement, propose};
 use crate::noise::Weights;
 use crate::physical::{Physical, physical};
@@ -91,6 +92,8 @@ pub struct Diagnosis {
     pub steps: Vec<Step>,
     /// Effects that this table cannot show.
     pub not_testable: Vec<NotTestable>,
+    /// Formulas of the user's own that joined the model.
+    pub kept: Vec<KeptEffect>,
     /// What the user ought to know.
     pub notes: Vec<String>,
 }
@@ -211,6 +214,7 @@ fn search(
         unexplained,
         steps,
         not_testable,
+        kept: Vec::new(),
         notes,
     }
 }

@@ -36,7 +36,8 @@ pub fn headline(data: &Dataset, result: &Diagnosis) -> String {
             let wide = result.unexplained.width_px.map_or_else(String::new, |width| {
                 format!(" (neighbours within {width:.0} {} share it)", data.px_name())
             });
-            match (result.accepted.is_empty(), columns.is_empty()) {
+            let nothing = result.accepted.is_empty() && result.kept.is_empty();
+            match (nothing, columns.is_empty()) {
                 (true, true) => "Too many rows are outliers: the model does not describe them".to_owned(),
                 (true, false) => {
                     format!("Errors depend on {columns}{wide}, and no effect of the catalogue explains it")
@@ -65,7 +66,8 @@ fn found(result: &Diagnosis) -> String {
             _ => format!("{own} (or {})", rivals.iter().map(|r| words(r)).collect::<Vec<_>>().join(", ")),
         })
         .collect();
-    let mut text = each.join(" and ");
+    let kept = result.kept.iter().map(|kept| format!("the kept formula {}", kept.name));
+    let mut text = each.into_iter().chain(kept).collect::<Vec<_>>().join(" and ");
     if let Some(first) = text.get(..1).map(str::to_uppercase) {
         text.replace_range(..1, &first);
     }

@@ -141,6 +141,7 @@ pub fn diagnose_json(data: &Dataset, result: &Diagnosis) -> Value {
             "physical": accepted_at(result, c.effect).and_then(|at| result.physical.get(at)?.as_ref()).map(physical_json),
             "implausible": c.implausible.iter().map(|i| json!({ "parameter": i.name, "plausible": range_json(i.range) })).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
+        "kept": result.kept.iter().map(|kept| json!({ "name": kept.name, "file": kept.file, "p_value": kept.p_value })).collect::<Vec<_>>(),
         "indistinguishable": result.indistinguishable,
         "next_measurement": result.next.as_ref().map(|next| json!({
             "action": next.action,

@@ -23,6 +23,7 @@ mod flips;
 mod formula;
 mod headline;
 mod json;
+mod kept;
 mod lags;
 mod linear;
 mod model_file;
@@ -64,6 +65,7 @@ pub use fit::{Fit, fit};
 pub use formula::unit_of_column;
 pub use headline::headline;
 pub use json::{compare_json, diagnose_json, effects_json, fit_json};
+pub use kept::{KeptEffect, diagnose_with_kept, kept_effects};
 pub use model_file::write_model;
 pub use next::NextMeasurement;
 pub use output::{compare_text, diagnose_text, effects_text, fit_text, predictions_text, write_predictions};
@@ -75,7 +77,7 @@ pub use report::{
     Shape, compare_page, diagnose_page, effects_page, fit_page, followed_svg, signature_svgs,
     unexplained_shapes,
 };
-pub use rivals::{Judgement, Rival, Rivals};
+pub use rivals::{Apart, DesignRows, Judgement, Rival, Rivals};
 pub use scatter::Noise;
 pub use step::Step;
 pub use unexplained::Unexplained;

@@ -205,6 +205,14 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
             ));
         }
     }
+    for kept in &result.kept {
+        out.push(format!(
+            "{}: a formula that was kept, p = {:.4}; {}",
+            kept.name,
+            kept.p_value,
+            kept.file.display()
+        ));
+    }
     if result.verdict == Verdict::Unknown {
         out.push(INVESTIGATE.to_owned());
     }

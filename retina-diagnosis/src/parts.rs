@@ -331,12 +331,17 @@ impl Halves {
                 (left.scores(&[self.search.cut(&columns)])[0].statistic, columns)
             })
             .max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let amplitudes = left.amplitudes(&self.search.cut(&columns));
-        let mut predicted = vec![0.0; data.y.len()];
+        Some(self.prove_columns(&columns, seed))
+    }
+
+    /// Judges columns over all rows: their amplitudes are fitted in the half that searches.
+    pub fn prove_columns(&self, columns: &[Vec<f64>], seed: u64) -> Proof {
+        let amplitudes = self.search(&[]).amplitudes(&self.search.cut(columns));
+        let mut predicted = vec![0.0; self.whole.data.y.len()];
         for (column, (amplitude, _)) in columns.iter().zip(amplitudes) {
             predicted.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
         }
-        Some(self.prove(&predicted, &columns, seed))
+        self.prove(&predicted, columns, seed)
     }
 
     /// Each group's level in each component, where halves are runs of rows of the same groups: what the two share.

@@ -44,6 +44,28 @@ pub struct Judgement {
     pub error_over_noise: f64,
 }
 
+/// Rows that were measured, and after them rows that are planned, of which only the columns count.
+#[derive(Clone, Copy)]
+pub struct DesignRows<'a> {
+    /// All of them.
+    pub data: &'a Dataset,
+    /// Which ones were measured.
+    pub measured: &'a (dyn Fn(usize) -> bool + Sync),
+    /// How many rows of the data each measured row stands for.
+    pub stands_for: f64,
+    /// How many rows each planned row stands for.
+    pub planned_for: f64,
+}
+
+/// By how much a rival is told from another.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Apart {
+    /// Squared length of the whitened errors.
+    pub square: f64,
+    /// The part of it that each row has.
+    pub by_row: Vec<f64>,
+}
+
 /// Rivals fitted to data.
 pub struct Rivals<'a> {
     rivals: &'a [Rival],
@@ -156,20 +178,15 @@ impl<'a> Rivals<'a> {
         &self.judgements
     }
 
-    /// T_ij, in row i and column j, on `design`: the measured rows and after them those that are planned, of which only
-    /// the columns count. Amplitudes are those that the measured rows tell. `measured` says which rows are, and each of
-    /// them stands for `stands_for` rows of the data.
-    pub fn separations(
-        &self,
-        design: &Dataset,
-        measured: &(dyn Fn(usize) -> bool + Sync),
-        stands_for: f64,
-    ) -> Vec<Vec<f64>> {
+    /// T_ij, in row i and column j, on rows that were measured and rows that are planned. Amplitudes are those that the
+    /// measured rows tell.
+    pub fn separations(&self, rows: &DesignRows<'_>) -> Vec<Vec<Apart>> {
+        let design = rows.data;
         let of = |planned: f64| {
-            let count = |row: usize| if measured(row) { stands_for } else { planned };
+            let count = |row: usize| if (rows.measured)(row) { rows.stands_for } else { planned };
             self.noise.weights(design, count)
         };
-        let (old, all) = (of(0.0), of(1.0));
+        let (old, all) = (of(0.0), of(rows.planned_for));
         let base: Vec<Vec<f64>> = design.baseline_terms().iter().map(|term| design.column(term)).collect();
         let whitened = |weights: &Weights, column: &[f64]| weights.whitened(design, column);
         let fitted = |weights: &Weights| {
@@ -208,8 +225,15 @@ impl<'a> Rivals<'a> {
                     .enumerate()
                     .map(|(j, forms)| {
                         if i == j {
-                            return 0.0;
+                            return Apart::default();
                         }
+                        let apart = |left: &[f64]| Apart {
+                            square: dot(left, left),
+                            by_row: left[..design.y.len()]
+                                .chunks_exact(design.components())
+                                .map(|row| dot(row, row))
+                                .collect(),
+                        };
                         forms
                             .iter()
                             .map(|form| {
@@ -220,10 +244,10 @@ impl<'a> Rivals<'a> {
                                 let own = Basis::of(
                                     form.columns.iter().map(|column| beside.residual(whitened(&all, column))),
                                 );
-                                let left = own.residual(left);
-                                dot(&left, &left)
+                                apart(&own.residual(left))
                             })
-                            .fold(f64::INFINITY, f64::min)
+                            .min_by(|a, b| a.square.total_cmp(&b.square))
+                            .unwrap_or_default()
                     })
                     .collect()
             })

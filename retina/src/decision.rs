@@ -33,9 +33,6 @@ pub struct Question {
 /// Makes a round's measurements: they are in its folder afterwards.
 pub type Take<'a> = &'a dyn Fn(&Round) -> Result<(), InputError>;
 
-/// Gain in squared sigma below which exposures tell a pair apart no better than before.
-const LEAST_GAIN: f64 = 1.0;
-
 /// Judges the rivals by all measurements, and plans the next round. With `take` it makes the measurements too, until one
 /// rival is left, the budget is spent, or no exposure tells those apart that are left. What was planned and measured
 /// before is read again, so that the same question goes on where it was.
@@ -233,8 +230,7 @@ fn plan(
     };
     let what = format!("planning round {number}");
     let design = Design::find(&wanted, &|table| material.data_of(table), &|share| progress(&what, share))?;
-    let gains = |s: &Separation| s.after * s.after - s.before * s.before > LEAST_GAIN;
-    if !design.separations.iter().any(gains) {
+    if !design.gains() {
         outcome.inseparable = true;
         return Ok(());
     }

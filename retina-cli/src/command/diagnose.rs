@@ -3,9 +3,11 @@
 use std::path::PathBuf;
 
 use retina_diagnosis::{
-    DiagnoseOptions, Diagnosis, diagnose, diagnose_json, diagnose_page, diagnose_text, unexplained_shapes,
+    DiagnoseOptions, Diagnosis, diagnose, diagnose_json, diagnose_page, diagnose_text, diagnose_with_kept,
+    kept_effects, unexplained_shapes,
 };
 
+use retina_files::InputError;
 use retina_frames::diagnose_frames;
 
 use super::workbench::{Input, Material, pictures};
@@ -20,6 +22,10 @@ pub(crate) struct Arguments {
     /// more.
     #[arg(long = "effect", value_name = "ID|FILE")]
     effects: Vec<String>,
+    /// Folder with formulas that you keep, as `investigate --out` writes them. They are tried where no
+    /// effect of the catalogue explains what is left.
+    #[arg(long, value_name = "DIR")]
+    catalogue: Option<PathBuf>,
     /// Number of sign flips of whole groups. The smallest p-value is 1 / (flips + 1).
     #[arg(long, default_value_t = 1999, value_parser = clap::value_parser!(u32).range(199..=99_999))]
     flips: u32,
@@ -38,6 +44,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.input.check_outputs(&arguments.effects, &[(&arguments.report, "html")])?;
     let options = DiagnoseOptions { flips: arguments.flips as usize, seed: arguments.seed };
     if let Some(mut set) = arguments.input.read()?.frames()? {
+        if arguments.catalogue.is_some() {
+            return Err(InputError::new("--catalogue", "formulas are not tried on images")
+                .help("give the formula with --effect to `retina investigate`")
+                .into());
+        }
         let (data, added, result) = diagnose_frames(&mut set, &arguments.effects, &options)?;
         if let Some(path) = &arguments.report {
             let left = Diagnosis { accepted: Vec::new(), ..result.clone() };
@@ -51,7 +62,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let (material, added) = Material::read(&arguments.input, &arguments.effects)?;
     let data = material.data();
-    let result = diagnose(data, &added, &options);
+    let (result, added) = match &arguments.catalogue {
+        None => (diagnose(data, &added, &options), added),
+        Some(folder) => {
+            let (kept, notes) = kept_effects(folder, data)?;
+            let (mut result, model) = diagnose_with_kept(data, &added, &kept, &options);
+            result.notes.extend(notes);
+            (result, model)
+        }
+    };
     if let Some(path) = &arguments.report {
         let shapes = unexplained_shapes(data, &added, &result)?;
         diagnose_page(data, &added, &result, &shapes).write(path)?;
