@@ -136,7 +136,7 @@ pub fn simulate_plan(
     }
     let mut base_s = options.exposure_s;
     let mut result = PointsResult { table: PointsTable::default(), shown: 0, exposures_s: Vec::new() };
-    let mut list = String::from("image,screen,exposure_s,time_s,temperature_c,camera_roll_deg\n");
+    let mut list = String::from("image,screen,exposure_s,time_s,temperature_c,camera_roll_deg,mounting\n");
     let own_roll_deg = facility.wrong.camera_roll_rad.to_degrees();
     for (index, planned) in exposures.iter().enumerate() {
         let roll_deg = planned.camera_roll_deg.unwrap_or(own_roll_deg);
@@ -167,8 +167,10 @@ pub fn simulate_plan(
         if let Some(folder) = keep {
             image.write_png(&folder.join("images").join(&planned.image))?;
             list.push_str(&format!(
-                "{},{},{exposure_s},{time_s},{temperature_c},{roll_deg}\n",
-                planned.image, screen.file
+                "{},{},{exposure_s},{time_s},{temperature_c},{roll_deg},{}\n",
+                planned.image,
+                screen.file,
+                planned.mounting.map_or_else(String::new, |number| number.to_string())
             ));
         }
         let detect = DetectOptions {

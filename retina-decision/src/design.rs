@@ -83,6 +83,10 @@ const SPACE_FILLING: usize = 4;
 /// Times that places are improved, and places among which each is chosen.
 const PASSES: usize = 3;
 const POOL: usize = 6;
+/// Effort of a turn of the camera, of another temperature, and of any condition that is not as it was.
+const EFFORT_OF_ROLL: f64 = 0.05;
+const EFFORT_OF_TEMPERATURE: f64 = 0.02;
+const EFFORT: f64 = 0.004;
 /// Random conditions among which the most unlike are taken.
 const UNLIKE: usize = 16;
 /// Gain in squared sigma below which exposures tell a pair apart no better than before.
@@ -128,7 +132,7 @@ impl Design {
                 .map(|mut settings| {
                     fill_space(&material.levels, &mut settings);
                     let after = squares(&settings)?;
-                    Ok((worth(&before, &after), settings, after))
+                    Ok((worth(&before, &after) - effort(&material.levels, &settings), settings, after))
                 })
                 .collect::<Result<_, InputError>>()?;
             tried += found.len();
@@ -269,6 +273,21 @@ fn pairs(left: &[usize]) -> Vec<[usize; 2]> {
 fn worth(before: &[f64], after: &[f64]) -> f64 {
     let gained = before.iter().zip(after).map(|(before, after)| (after - before).max(0.0));
     gained.map(|gain| (gain / ENOUGH).min(1.0) + 0.01 * (1.0 + gain).ln()).sum()
+}
+
+/// What a sequence asks of the people at the bench, in units of a pair that is decided: of plans that tell as much the one
+/// with the fewest changes is taken.
+fn effort(levels: &Levels, settings: &[Setting]) -> f64 {
+    let (mut roll, mut temperature) = (levels.rolls_deg[0], levels.temperatures_c[0]);
+    let mut out = 0.0;
+    for setting in settings {
+        let now = (levels.rolls_deg[setting.levels[4]], levels.temperatures_c[setting.levels[5]]);
+        out += if now.0.unwrap_or(0.0) == roll.unwrap_or(0.0) { 0.0 } else { EFFORT_OF_ROLL };
+        out += if now.1 == temperature { 0.0 } else { EFFORT_OF_TEMPERATURE };
+        out += EFFORT * setting.levels.iter().filter(|level| **level > 0).count() as f64;
+        (roll, temperature) = now;
+    }
+    out
 }
 
 /// Changes one exposure's conditions in one thing, makes it anew, or lets two change places.
