@@ -6,9 +6,11 @@ use rayon::prelude::*;
 use retina_files::{InputError, write_atomic};
 use serde::{Deserialize, Serialize};
 
-use crate::plan::{Kind, Plan, formula_plan, plan};
+use crate::forms::FORMULA;
+use crate::plan::{Kind, Plan, formula_plan, formula_power_plan, plan};
 use crate::points::{Campaign, Chamber, nature};
-use crate::readings;
+use crate::power_formulas::{Behind, PowerFormula, table};
+use crate::readings::{self, NOISE};
 
 /// What the scorer needs beside the plan.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -53,7 +55,11 @@ fn truth(plans: &[Plan]) -> Result<String, InputError> {
 pub fn generate(folder: &Path, seed: u64, sets: usize, kind: Option<&str>) -> Result<String, InputError> {
     let sealed = folder.join("sealed");
     std::fs::create_dir_all(&sealed).map_err(|error| io(&sealed, &error))?;
-    let of = if kind == Some(Kind::Formula.name()) { formula_plan } else { plan };
+    let of = match kind {
+        Some("formula") => formula_plan,
+        Some("formula-power") => formula_power_plan,
+        _ => plan,
+    };
     let plans: Vec<Plan> = (0..sets)
         .map(|set| of(seed, set))
         .filter(|plan| kind.is_none_or(|kind| kind == plan.kind.name()))
@@ -70,6 +76,30 @@ pub fn generate(folder: &Path, seed: u64, sets: usize, kind: Option<&str>) -> Re
     write(&sealed.join("derived.jsonl"), lines.as_bytes())?;
     write(&sealed.join("truth.jsonl"), truth.as_bytes())?;
     Ok(blake3::hash(truth.as_bytes()).to_string())
+}
+
+/// A table of readings with a formula or without, and of a formula another day without noise.
+fn power_formula(folder: &Path, own: &Path, plan: &Plan) -> Result<Derived, InputError> {
+    let (seed, scatter) = (plan.campaign.seed, plan.campaign.jitter * NOISE);
+    let constants = nature(seed, 0);
+    let formula = PowerFormula::of(constants.seed);
+    let hidden = plan.hidden.first();
+    let of = |amplitude: Option<f64>| match hidden {
+        Some(hidden) if hidden.id == FORMULA => Behind::Formula(&formula, hidden.strength, amplitude),
+        Some(hidden) => Behind::Known(&hidden.id, &constants, hidden.strength),
+        None => Behind::Nothing,
+    };
+    let (text, field, amplitude) = table(&of(None), seed, scatter, 1.0);
+    write(&own.join("table.csv"), text.as_bytes())?;
+    let sealed = folder.join("sealed");
+    if hidden.is_some() {
+        write(&sealed.join(format!("{:05}.f32", plan.set)), &to_bytes(&field))?;
+    }
+    let (text, field, _) = table(&of(Some(amplitude)), seed.wrapping_add(1), 0.0, 0.0);
+    write(&own.join("fresh.csv"), text.as_bytes())?;
+    write(&sealed.join(format!("{:05}-fresh.f32", plan.set)), &to_bytes(&field))?;
+    let whole = field.iter().map(|v| v * v).sum::<f64>().sqrt() / NOISE;
+    Ok(Derived { set: plan.set, r_squared: Vec::new(), oracle_sigma: vec![whole] })
 }
 
 fn one(folder: &Path, plan: &Plan) -> Result<Derived, InputError> {
@@ -90,6 +120,7 @@ fn one(folder: &Path, plan: &Plan) -> Result<Derived, InputError> {
             write(&own.join("table.csv"), text.as_bytes())?;
             return Ok(Derived { set: plan.set, ..Derived::default() });
         }
+        Kind::FormulaPower => return power_formula(folder, &own, plan),
         _ => {}
     }
     let made = plan.campaign.make(&plan.hidden, &natures, None);

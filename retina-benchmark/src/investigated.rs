@@ -11,6 +11,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 use retina_diagnosis::{Dataset, effects};
 use retina_files::InputError;
+use retina_formats::TableKind;
 use retina_geometry::Setup;
 use retina_investigation::{Options, investigate};
 use serde::{Deserialize, Serialize};
@@ -18,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use crate::algebra::{beside, rms};
 use crate::forms::FORMULA;
 use crate::generate::{Derived, io, to_bytes};
-use crate::plan::Plan;
+use crate::plan::{Kind, Plan};
 use crate::points::baseline_of_table;
 use crate::run::{predict, read};
 use crate::score::{FINDABLE_SIGMA, Target, field_error, lines, numbers};
@@ -77,7 +78,10 @@ fn one(folder: &Path, setup: &Setup, set: usize) -> Result<Investigated, InputEr
     let data: Dataset = read(setup, &[own.join("table.csv")])?;
     let found = investigate(&data, &[], &Options::default(), &|_, _| {})?;
     let seconds = start.elapsed().as_secs_f64();
-    if !found.known.is_empty() {
+    if !found.known.is_empty() && data.kind == TableKind::Power {
+        let path = folder.join("predicted").join(format!("{set:05}.f32"));
+        std::fs::write(&path, to_bytes(&found.fit.effect)).map_err(|error| io(&path, &error))?;
+    } else if !found.known.is_empty() {
         predict(folder, set, &data, &found.fit)?;
     } else if !found.terms.is_empty() {
         let fresh = read(setup, &[own.join("fresh.csv")])?;
@@ -109,16 +113,35 @@ fn listed(formulas: &[Vec<String>]) -> String {
 fn columns<'a>(names: impl Iterator<Item = &'a str>) -> BTreeSet<String> {
     names
         .map(|name| match name {
-            "x" | "y" | "r" => "place".to_owned(),
-            "F" => "log10_irradiance".to_owned(),
-            name => name.to_owned(),
+            "x" | "y" | "r" => vec!["place"],
+            "F" => vec!["log10_irradiance"],
+            "level" => vec!["digital_count"],
+            // The light of a square is that of its count times its area.
+            "ln_irradiance" | "per_irradiance" => vec!["digital_count", "square_px"],
+            name => vec![name],
         })
+        .flatten()
+        .map(str::to_owned)
         .collect()
 }
 
 /// The same, on the table's own rows where known effects are in the model: only formulas are evaluated elsewhere.
 fn error_of(folder: &Path, said: &Investigated) -> Option<f64> {
-    if said.known.is_empty() { fresh_error(folder, said.set) } else { field_error(folder, said.set) }
+    match (said.known.is_empty(), numbers(&folder.join("predicted").join(format!("{:05}.f32", said.set)))) {
+        (true, _) => fresh_error(folder, said.set),
+        (false, None) => field_error(folder, said.set),
+        (false, Some(predicted)) => {
+            let truth = numbers(&folder.join("sealed").join(format!("{:05}.f32", said.set)))?;
+            Some(relative_error(&truth, &predicted))
+        }
+    }
+}
+
+/// Predicted minus true relative readings beside one gain, over the true ones' rms.
+fn relative_error(truth: &[f64], predicted: &[f64]) -> f64 {
+    let (gain, ones) = (vec![vec![1.0; truth.len()]], vec![1.0; truth.len()]);
+    let difference: Vec<f64> = predicted.iter().zip(truth).map(|(p, t)| p - t).collect();
+    rms(&beside(&gain, &difference, &ones)) / rms(&beside(&gain, truth, &ones))
 }
 
 /// Predicted minus true field on fresh exposures beside the baseline, over the true one's rms.
@@ -128,6 +151,9 @@ fn fresh_error(folder: &Path, set: usize) -> Option<f64> {
         .unwrap_or_else(|| vec![0.0; truth.len()]);
     let table =
         std::fs::read_to_string(folder.join("sets").join(format!("{set:05}")).join("fresh.csv")).ok()?;
+    if table.starts_with("channel,") {
+        return Some(relative_error(&truth, &predicted));
+    }
     let (base, _) = baseline_of_table(&table);
     let ones = vec![1.0; truth.len()];
     let difference: Vec<f64> = predicted.iter().zip(&truth).map(|(p, t)| p - t).collect();
@@ -157,6 +183,9 @@ pub fn score_investigated(folder: &Path) -> Result<(Vec<Target>, String), InputE
             let kind = match hidden {
                 Some(_) => "a known effect",
                 None if plan.campaign.wander > 0.0 => "a mount that wanders",
+                None if plan.kind == Kind::FormulaPower && plan.campaign.jitter > 1.0 => {
+                    "a meter that repeats badly"
+                }
                 None => "nothing",
             };
             let count = nulls.entry(kind).or_default();

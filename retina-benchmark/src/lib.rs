@@ -11,6 +11,7 @@ mod generate;
 mod investigated;
 mod plan;
 mod points;
+mod power_formulas;
 mod readings;
 mod run;
 mod score;

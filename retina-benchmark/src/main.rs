@@ -22,10 +22,10 @@ struct Arguments {
     seed: u64,
     /// Makes sets of this kind alone.
     ///
-    /// `formula` makes other sets, with hidden formulas and without, on which `investigate` is asked
+    /// `formula` and `formula-power` make other sets, with hidden formulas and without, on which `investigate` is asked
     /// and not `diagnose`. `decide` counts the exposures that it takes to decide between effects that
     /// look alike; --sets is then the number of campaigns for each pair and strength.
-    #[arg(long, value_parser = ["null", "single", "outside", "pair", "confounded", "power", "phase", "formula", "decide"])]
+    #[arg(long, value_parser = ["null", "single", "outside", "pair", "confounded", "power", "phase", "formula", "formula-power", "decide"])]
     kind: Option<String>,
     /// The facility.
     #[arg(long, default_value = "assets/setups/wide-fov.toml")]
@@ -72,7 +72,7 @@ fn all(arguments: &Arguments) -> Result<(), InputError> {
         let hash = generate(&arguments.dir, arguments.seed, arguments.sets, arguments.kind.as_deref())?;
         eprintln!("{} sets of seed {}, truth {hash}", arguments.sets, arguments.seed);
     }
-    if arguments.kind.as_deref() == Some("formula") {
+    if arguments.kind.as_deref().is_some_and(|kind| kind.starts_with("formula")) {
         if does(Part::Run) {
             investigate_sets(&arguments.dir, &arguments.setup, progress)?;
         }

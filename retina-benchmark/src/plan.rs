@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::forms::{FORMULA, KNOWN, OUTSIDE, needs_colours};
 use crate::formulas::Formula;
 use crate::points::{Campaign, Chamber, Hidden, nature};
+use crate::power_formulas::PowerFormula;
 use crate::readings::{PHASE, POWER};
 
 /// What a set tries.
@@ -29,12 +30,15 @@ pub(crate) enum Kind {
     Phase,
     /// A formula that nobody knows; half of the sets have none.
     Formula,
+    /// The same of power readings.
+    FormulaPower,
 }
 
 impl Kind {
     /// Its name.
     pub(crate) fn name(self) -> &'static str {
-        ["null", "single", "outside", "pair", "confounded", "power", "phase", "formula"][self as usize]
+        ["null", "single", "outside", "pair", "confounded", "power", "phase", "formula", "formula-power"]
+            [self as usize]
     }
 }
 
@@ -121,6 +125,41 @@ pub(crate) fn formula_plan(seed: u64, set: usize) -> Plan {
     Plan { set, kind: Kind::Formula, hidden, covariates, campaign }
 }
 
+/// The plan of a set of power readings with formulas: every second has one, the others a known effect, a meter that
+/// repeats badly, or nothing at all.
+pub(crate) fn formula_power_plan(seed: u64, set: usize) -> Plan {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(2_000_000 + set as u64);
+    let mut campaign = Campaign {
+        rows: 480,
+        exposures: 24,
+        jitter: 0.25,
+        outliers: 0.0,
+        colours: true,
+        chamber: Chamber::Hunting,
+        roll_deg: 0.0,
+        seed: random.random(),
+        wander: 0.0,
+    };
+    let number = set / 2;
+    let (mut hidden, mut covariates) = (Vec::new(), Vec::new());
+    if set.is_multiple_of(2) {
+        covariates = PowerFormula::of(nature(campaign.seed, 0).seed).columns();
+        let strength = FORMULA_STRENGTHS[number % FORMULA_STRENGTHS.len()];
+        hidden.push(Hidden { id: FORMULA.to_owned(), strength });
+    } else {
+        match number % 3 {
+            0 => {}
+            1 => campaign.jitter = 1.5,
+            _ => hidden.push(Hidden {
+                id: POWER[number / 3 % POWER.len()].to_owned(),
+                strength: STRENGTHS[number / 3 % STRENGTHS.len()],
+            }),
+        }
+    }
+    Plan { set, kind: Kind::FormulaPower, hidden, covariates, campaign }
+}
+
 /// The plan of a set.
 pub(crate) fn plan(seed: u64, set: usize) -> Plan {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -197,6 +236,7 @@ pub(crate) fn plan(seed: u64, set: usize) -> Plan {
             _ => Vec::new(),
         },
         Kind::Formula => return formula_plan(seed, set),
+        Kind::FormulaPower => return formula_power_plan(seed, set),
     };
     campaign.colours |= hidden.iter().any(|h| needs_colours(&h.id));
     Plan { set, kind, hidden, covariates, campaign }

@@ -27,26 +27,29 @@ pub(crate) const POWER: [&str; 11] = [
 pub(crate) const PHASE: [&str; 6] =
     ["phase_function", "opposition_surge", "extinction", "waxing_waning", "roughness", "lommel_seeliger"];
 /// Relative noise of a reading, and of a magnitude.
-const NOISE: f64 = 0.004;
+pub(crate) const NOISE: f64 = 0.004;
 const NOISE_MAG: f64 = 0.03;
-const FULL_W_M2: f64 = 2.1e-9;
+pub(crate) const FULL_W_M2: f64 = 2.1e-9;
 
 fn normal(random: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(random)
 }
 
-struct Reading {
-    channel: usize,
-    count: f64,
-    side: f64,
+pub(crate) struct Reading {
+    pub(crate) channel: usize,
+    pub(crate) count: f64,
+    pub(crate) side: f64,
     /// Nominal light.
-    light: f64,
-    series: usize,
-    passed: f64,
+    pub(crate) light: f64,
+    pub(crate) series: usize,
+    pub(crate) passed: f64,
     dose: f64,
+    /// Of the air, where a table has them: -1 to 1.
+    pub(crate) humidity: f64,
+    pub(crate) warmth: f64,
 }
 
-fn shown(id: &str, nature: &Nature, a: f64, r: &Reading, brightest: f64) -> f64 {
+pub(crate) fn shown(id: &str, nature: &Nature, a: f64, r: &Reading, brightest: f64) -> f64 {
     let level = r.count / 255.0;
     let share = if r.channel == 3 { 1.0 } else { 1.0 / 3.0 };
     let area = r.side * r.side * share;
@@ -74,10 +77,8 @@ fn shown(id: &str, nature: &Nature, a: f64, r: &Reading, brightest: f64) -> f64 
     }
 }
 
-/// A table of readings; `strength` is the effect's rms beside one gain over the noise. The attenuator's factor is 2 to
-/// 10, whatever the strength.
-pub(crate) fn power(id: Option<&str>, strength: f64, nature: &Nature, seed: u64) -> String {
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
+/// Readings of 24 series, nothing wrong with them.
+pub(crate) fn readings() -> Vec<Reading> {
     let mut readings: Vec<Reading> = Vec::new();
     let mut dose = 0.0;
     for series in 0..24 {
@@ -95,10 +96,20 @@ pub(crate) fn power(id: Option<&str>, strength: f64, nature: &Nature, seed: u64)
                     series,
                     passed: readings.len() as f64 / 480.0,
                     dose,
+                    humidity: 0.0,
+                    warmth: 0.0,
                 });
             }
         }
     }
+    readings
+}
+
+/// A table of readings; `strength` is the effect's rms beside one gain over the noise. The attenuator's factor is 2 to
+/// 10, whatever the strength.
+pub(crate) fn power(id: Option<&str>, strength: f64, nature: &Nature, seed: u64) -> String {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let readings = readings();
     let brightest = readings.iter().map(|r| r.light).fold(0.0, f64::max);
     let gain = vec![vec![1.0; readings.len()]];
     let ones = vec![1.0; readings.len()];

@@ -399,7 +399,7 @@ fn markdown(sets: &[Set], targets: &[Target]) -> String {
             Kind::Power | Kind::Phase if s.plan.hidden.is_empty() => !s.detected(),
             Kind::Power | Kind::Phase => s.said().accepted == [s.id()],
             // Those are scored by themselves.
-            Kind::Formula => true,
+            Kind::Formula | Kind::FormulaPower => true,
         };
         if !fine {
             let hidden: Vec<String> =

@@ -131,7 +131,9 @@ pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
         source.push(format!("{} levels", group_name(data)));
     }
     if wander > 0.0 {
-        source.push(format!("{}s follow each other with a correlation of {wander:.2}", group_name(data)));
+        // The plural of series is series.
+        let name = group_name(data).trim_end_matches('s');
+        source.push(format!("{name}s follow each other with a correlation of {wander:.2}"));
     }
     if let Some(stated) = stated(data, weights) {
         source.push(format!("the table states {stated:.4} {}", data.kind.unit()));
