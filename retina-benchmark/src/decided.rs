@@ -150,7 +150,7 @@ fn one(
             if let Some(best) = decision.decided() {
                 return Ok((exposures > 0).then_some(Taken { exposures, right: Some(best == 0) }));
             }
-            if exposures >= MOST {
+            if decision.left.len() == 1 || exposures >= MOST {
                 return Ok(Some(Taken { exposures, right: None }));
             }
             let Measurements::Points(table) = &measured else { return Ok(None) };

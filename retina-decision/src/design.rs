@@ -132,7 +132,13 @@ impl Design {
                 .map(|mut settings| {
                     fill_space(&material.levels, &mut settings);
                     let after = squares(&settings)?;
-                    Ok((worth(&before, &after) - effort(&material.levels, &settings), settings, after))
+                    // What is told early counts more: a later round plans the rest anew.
+                    let early = match settings.len() > wanted.exposures {
+                        true => worth(&before, &squares(&settings[..wanted.exposures])?),
+                        false => 0.0,
+                    };
+                    let value = worth(&before, &after) + early - effort(&material.levels, &settings);
+                    Ok((value, settings, after))
                 })
                 .collect::<Result<_, InputError>>()?;
             tried += found.len();

@@ -5,6 +5,9 @@ use retina_diagnosis::{Judgement, Rival, Rivals};
 /// ln of the odds at which a rival is ruled out: 100 to 1.
 pub(crate) const LN_ODDS: f64 = 4.605_170_185_988_092;
 
+/// Of a hundred normal levels the largest is beyond this in one case of 1500.
+const MISFIT_SIGMAS: f64 = 4.5;
+
 /// What is known of the rivals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Decision {
@@ -27,9 +30,15 @@ impl Decision {
         Self { judgements, best, left: order }
     }
 
-    /// The only one that is left.
+    /// The only one that is left, if it describes every exposure.
     pub fn decided(&self) -> Option<usize> {
-        (self.left.len() == 1).then_some(self.best)
+        (self.left.len() == 1 && self.misfit().is_none()).then_some(self.best)
+    }
+
+    /// The exposure that the likeliest rival does not describe, and by how many standard deviations its level is off: then
+    /// none of the rivals may be the true one.
+    pub fn misfit(&self) -> Option<&(String, f64)> {
+        Some(&self.judgements[self.best].worst_level).filter(|(_, sigmas)| *sigmas > MISFIT_SIGMAS)
     }
 
     /// Names of those that are left.

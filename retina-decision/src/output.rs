@@ -32,10 +32,11 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// `decided`, `open`, `inseparable` or `budget_spent`.
+    /// `decided`, `none_fits`, `open`, `inseparable` or `budget_spent`.
     pub fn verdict(&self) -> &'static str {
         match () {
             () if self.decision.decided().is_some() => "decided",
+            () if self.decision.left.len() == 1 => "none_fits",
             () if self.inseparable => "inseparable",
             () if self.used >= self.budget => "budget_spent",
             () => "open",
@@ -57,6 +58,9 @@ pub fn decision_text(outcome: &Outcome) -> Vec<String> {
     let names = outcome.decision.names(&outcome.rivals).join(", ");
     out.push(match outcome.verdict() {
         "decided" => format!("Decided: {names}"),
+        "none_fits" => {
+            format!("{names} is the likeliest, and does not fit: none of the rivals may be the true one")
+        }
         "inseparable" => format!("No exposure that may be made tells these apart: {names}"),
         "budget_spent" => format!("The budget of {} exposures is spent; left are: {names}", outcome.budget),
         _ => format!("Left are: {names}"),
@@ -70,6 +74,10 @@ pub fn decision_text(outcome: &Outcome) -> Vec<String> {
             probability(judgement.probability),
             judgement.error_over_noise
         ));
+    }
+    if let Some((exposure, sigmas)) = outcome.decision.misfit() {
+        out.push(String::new());
+        out.push(format!("Beside the likeliest, exposure {exposure} is off by {} sigma.", sigma(*sigmas)));
     }
     if let Some((_, text)) = &outcome.beside {
         out.push(String::new());
@@ -150,7 +158,8 @@ pub fn decision_json(outcome: &Outcome) -> Value {
                 "ln_evidence": j.ln_evidence,
             "ln_odds_against": j.ln_odds_against,
                 "error_over_noise": j.error_over_noise,
-                "ruled_out": !outcome.decision.left.contains(&k),
+                "worst_exposure": { "image": j.worst_level.0, "sigmas": j.worst_level.1 },
+            "ruled_out": !outcome.decision.left.contains(&k),
             })
         });
     let next = outcome.next.as_ref().map(|(design, folder)| {

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use retina_files::InputError;
 
 use crate::added::{AddedEffect, Adjusted, adjusted, check_effects};
-use crate::catalogue::Variant;
+use crate::catalogue::{Variant, later_forms};
 use crate::data::Dataset;
 use crate::linear::{Basis, dot};
 use crate::noise::{Weights, robust_fit};
@@ -40,6 +40,8 @@ pub struct Judgement {
     pub ln_odds_against: f64,
     /// Probability among the rivals, all alike beforehand.
     pub probability: f64,
+    /// The exposure whose level is furthest off beside it, and by how many standard deviations.
+    pub worst_level: (String, f64),
     /// Rms of the errors that it leaves over that of the noise, per component: 1 where all is noise.
     pub error_over_noise: f64,
 }
@@ -163,6 +165,7 @@ impl<'a> Rivals<'a> {
                     ln_likelihood,
                     ln_odds_against: 0.0,
                     probability: 0.0,
+                    worst_level: worst_level(fit, &weights),
                     error_over_noise: left / weights.floor(),
                 }
             })
@@ -269,6 +272,25 @@ fn weigh(judgements: &mut [Judgement]) {
     }
 }
 
+/// The group whose mean error is furthest off: whitened errors along the roots of the weights are its level.
+fn worst_level(fit: &Adjusted, weights: &Weights) -> (String, f64) {
+    let frame = Frame::weighted(&fit.data, &fit.base, weights.clone());
+    let n = fit.data.components();
+    let mut worst = (String::new(), 0.0);
+    for group in &fit.data.groups {
+        let sum: f64 = weights.weight[group.rows.clone()].iter().sum();
+        for axis in 0..n {
+            let rows = group.rows.clone();
+            let along: f64 = rows.map(|row| weights.weight[row].sqrt() * frame.error[row * n + axis]).sum();
+            let sigmas = if sum > 0.0 { (along / sum.sqrt()).abs() } else { 0.0 };
+            if sigmas > worst.1 {
+                worst = (group.name.clone(), sigmas);
+            }
+        }
+    }
+    worst
+}
+
 /// What a rival leaves of the data, in their unit.
 fn residual(fit: &Adjusted, weights: &Weights) -> Vec<f64> {
     let values = crate::estimate::estimate(&fit.data, &fit.base, weights).values;
@@ -324,6 +346,7 @@ impl Fitted {
                     let stride = variants.len().div_ceil(MOST_FORMS).max(1);
                     let further = variants.iter().enumerate().filter(|(k, _)| *k != nearest).step_by(stride);
                     others.extend(further.map(|(_, variant)| whole(variant, design)));
+                    others.extend(later_forms(design, known.id));
                 }
             }
         }
@@ -375,6 +398,7 @@ fn evidence(fit: &Adjusted, rival: &Rival, weights: &Weights, components: f64) -
                 }
                 forms.push(leading(&variant, &fit.data));
             }
+            forms.extend(later_forms(&fit.data, known.id));
         }
         found.extend(of(&columns(index, false), further, &forms));
     }

@@ -66,13 +66,11 @@ pub fn decide(
         let rivals = read(&specified, question, &material)?;
         let mut outcome = judged(&rounds, &material, rivals, question, tables.len(), &history)?;
         match (waiting, take) {
-            (Some(round), Some(take)) if outcome.decision.decided().is_none() => {
+            (Some(round), Some(take)) if outcome.decision.left.len() > 1 => {
                 measured(take, &round)?;
                 continue;
             }
-            (Some(round), None) if outcome.decision.decided().is_none() => {
-                outcome.waiting = Some(round.folder)
-            }
+            (Some(round), None) if outcome.decision.left.len() > 1 => outcome.waiting = Some(round.folder),
             _ => plan(&rounds, &material, question, tables.len() + 1, &mut outcome, progress)?,
         }
         record(&rounds, input, &specified, &outcome)?;
@@ -214,7 +212,7 @@ fn plan(
 ) -> Result<(), InputError> {
     let exposures = question.exposures.min(outcome.budget.saturating_sub(outcome.used));
     let Measurements::Points(table) = &material.tables else { return Ok(()) };
-    if outcome.decision.decided().is_some() || exposures == 0 {
+    if outcome.decision.left.len() < 2 || exposures == 0 {
         return Ok(());
     }
     let fitted = Rivals::fit(&material.data, &outcome.rivals)?;

@@ -14,6 +14,25 @@ pub(crate) fn wide(data: &Dataset, effect: EffectId, shape: &[(&'static str, f64
     }
 }
 
+/// Time constants of settling, of the table's time.
+const SETTLING: [f64; 8] = [0.02, 0.035, 0.06, 0.1, 0.17, 0.3, 0.5, 0.9];
+
+/// Forms that an effect has on a longer table than the one that named it. Mounts settle exponentially (K. Ogata, Modern
+/// Control Engineering, sec. 5-2), which a power of the time is for a while alone.
+pub(crate) fn later_forms(data: &Dataset, effect: EffectId) -> Vec<Vec<Vec<f64>>> {
+    if effect != EffectId::Points(PointsEffect::Drift) {
+        return Vec::new();
+    }
+    let time = data.values("time_s");
+    let start = time.iter().copied().fold(f64::INFINITY, f64::min);
+    let span = time.iter().copied().fold(f64::NEG_INFINITY, f64::max) - start;
+    let settled = |part: f64, axis: usize| -> Vec<f64> {
+        let value = |t: &f64| 1.0 - (-(t - start) / (part * span)).exp();
+        time.iter().flat_map(|t| [0, 1].map(|own| if own == axis { value(t) } else { 0.0 })).collect()
+    };
+    SETTLING.iter().map(|part| vec![settled(*part, 0), settled(*part, 1)]).collect()
+}
+
 /// A vector over the field for each of the field's rows, times a value of the row.
 type Placed = fn(f64, f64) -> [f64; 2];
 
