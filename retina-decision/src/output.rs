@@ -156,10 +156,10 @@ pub fn decision_json(outcome: &Outcome) -> Value {
                 "effects": rival.effects.iter().map(|effect| effect.name()).collect::<Vec<_>>(),
                 "probability": j.probability,
                 "ln_evidence": j.ln_evidence,
-            "ln_odds_against": j.ln_odds_against,
+                "ln_odds_against": j.ln_odds_against,
                 "error_over_noise": j.error_over_noise,
                 "worst_exposure": { "image": j.worst_level.0, "sigmas": j.worst_level.1 },
-            "ruled_out": !outcome.decision.left.contains(&k),
+                "ruled_out": !outcome.decision.left.contains(&k),
             })
         });
     let next = outcome.next.as_ref().map(|(design, folder)| {

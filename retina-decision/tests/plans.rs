@@ -97,7 +97,8 @@ fn a_plan_tells_time_from_temperature_and_is_the_same_again() {
     let freedom = Freedom::default();
     let design = designed(&table, &freedom, Choice::Separating, 4);
     let [separation] = design.separations[..] else { panic!("{:?}", design.separations) };
-    assert!(separation.before < 2.0 && separation.after > 10.0, "{separation:?}");
+    // A drift may settle, too, and is then less unlike the temperature.
+    assert!(separation.before < 2.0 && separation.after > 8.0, "{separation:?}");
     assert!(design.gains());
     let again = designed(&table, &freedom, Choice::Separating, 4);
     assert_eq!(design.planned, again.planned);
@@ -113,7 +114,7 @@ fn a_plan_tells_time_from_temperature_and_is_the_same_again() {
     }
     // Random ones from the same conditions tell less.
     let random = designed(&table, &freedom, Choice::Random, 4);
-    assert!(random.separations[0].after < separation.after);
+    assert!(random.separations[0].after < 0.8 * separation.after, "{:?}", random.separations);
 }
 
 #[test]
