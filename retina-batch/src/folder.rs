@@ -269,6 +269,19 @@ impl Folder {
         write_atomic(&path, mended.as_bytes()).map_err(BatchError::write(&path))
     }
 
+    /// Brings the manifest's lines into the order of their frames.
+    pub(crate) fn sort_manifest(&self) -> Result<(), BatchError> {
+        let mut lines: Vec<ManifestLine> = self.manifest()?.into_values().collect();
+        lines.sort_by_key(|line| line.index);
+        let mut text = String::new();
+        for line in &lines {
+            text += &serde_json::to_string(line).map_err(|error| BatchError::encode(MANIFEST, &error))?;
+            text.push('\n');
+        }
+        let path = self.dir.join(MANIFEST);
+        write_atomic(&path, text.as_bytes()).map_err(BatchError::write(&path))
+    }
+
     /// Ends the use of the folder: the last run to leave it mends the manifest, where frames that
     /// were made again stand twice.
     pub(crate) fn close(self) -> Result<(), BatchError> {
@@ -303,6 +316,19 @@ impl Folder {
             .filter_map(|line| serde_json::from_str::<ManifestLine>(line).ok())
             .map(|line| (line.index, line))
             .collect())
+    }
+
+    /// Whether a run on this machine is at work in it.
+    pub(crate) fn is_in_use(&self) -> bool {
+        File::open(self.dir.join(RECORD)).is_ok_and(|file| file.try_lock().is_err())
+    }
+
+    /// The first file of a manifest's line that is not there with the content that it says.
+    pub(crate) fn torn_file(&self, line: &ManifestLine) -> Option<PathBuf> {
+        let whole = |(file, hash): (&String, &String)| {
+            hash_file(&self.dir.join(file)).is_ok_and(|found| found == *hash)
+        };
+        line.outputs.iter().find(|pair| !whole(*pair)).map(|(file, _)| self.dir.join(file))
     }
 
     /// Whether all files of a manifest's line are there with the content that it says.

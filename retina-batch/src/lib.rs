@@ -7,6 +7,7 @@
 //! - [`Selection`]: which frames: a range, every so many, a shard.
 //! - [`Resampler`]: an image resampled through the distortion in f64, Lanczos-3.
 //! - [`warp_file`]: the same from file to file, counts or linear values.
+//! - [`Batch::prepare`], [`merge_shards`]: folders of shards, made alike and joined; [`FolderState`]: how far one is.
 //! - [`contact_sheet`]: a folder's frames at a glance.
 
 mod digits;
@@ -23,10 +24,12 @@ mod resample;
 mod run;
 mod scale;
 mod selection;
+mod shards;
 mod sheet;
 mod side_products;
 mod source;
 mod stars;
+mod state;
 mod warp_file;
 
 pub use error::BatchError;
@@ -39,7 +42,9 @@ pub use png_file::{PngShape, png_bytes};
 pub use resample::{Canvas, Resampler};
 pub use run::{Batch, Observer, Options, Progress, SPOT_PX, Summary};
 pub use selection::{FrameRange, Selection, Shard};
+pub use shards::{Merged, merge_shards};
 pub use sheet::contact_sheet;
 pub use side_products::SideProducts;
 pub use source::{AdapterName, BackendChoice};
+pub use state::FolderState;
 pub use warp_file::{WarpReport, warp_file};

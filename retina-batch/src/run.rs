@@ -171,7 +171,7 @@ impl Batch {
         self.options.quality.unwrap_or(self.scene.quality)
     }
 
-    fn record(&self, backend: &str, radiance_scale: f64) -> Record {
+    pub(crate) fn record(&self, backend: &str, radiance_scale: f64) -> Record {
         let quality = match self.quality() {
             Quality::Draft => "draft",
             Quality::Default => "default",
@@ -213,7 +213,7 @@ impl Batch {
     }
 
     /// The folders that those files lie in.
-    fn kinds(&self) -> BTreeSet<String> {
+    pub(crate) fn kinds(&self) -> BTreeSet<String> {
         let folder = |file: &String| file.rsplit_once('/').map(|(folder, _)| folder.to_string());
         self.files(0).iter().filter_map(folder).collect()
     }
@@ -225,30 +225,7 @@ impl Batch {
         summary: &mut Summary,
         observer: &mut dyn Observer,
     ) -> Result<(), BatchError> {
-        let candidates = match (self.scene.radiance_scale, &found) {
-            (RadianceScale::Auto, None) => brightest_candidates(&self.scene)?,
-            _ => Vec::new(),
-        };
-        let models = self.scene.take_models();
-        let (mut source, fallback) =
-            FrameSource::open(self.options.backend, models, self.quality(), &self.plan)?;
-        if let Some(reason) = fallback {
-            observer.note(&format!("rendering on the processor's cores: {reason}"));
-        }
-        let folder = Folder::at(&self.options.dir);
-        if let Some(found) = &found {
-            folder.check_same(found, &self.record(source.name.backend, found.radiance_scale))?;
-        }
-        let radiance_scale = match (self.scene.radiance_scale, &found) {
-            (RadianceScale::Value(value), _) => value,
-            (RadianceScale::Auto, Some(found)) => found.radiance_scale,
-            // Stars and planets alone are shown as bright as they are.
-            (RadianceScale::Auto, None) if self.scene.bodies.is_empty() => 1.0,
-            (RadianceScale::Auto, None) => {
-                observer.note("looking for the brightest pixel of the sequence, for its radiance scale");
-                automatic_scale(&self.scene, &self.plan, &self.picture, &mut source, &candidates)?
-            }
-        };
+        let (mut source, radiance_scale) = self.open_source(found.as_ref(), observer)?;
         let record = self.record(source.name.backend, radiance_scale);
         let folder = Folder::open(&self.options.dir, &record, &self.kinds())?;
         summary.radiance_scale = radiance_scale;
@@ -258,6 +235,40 @@ impl Batch {
         self.pipeline(&folder, &mut source, to_do, radiance_scale, summary, observer)?;
         summary.seconds = start.elapsed().as_secs_f64();
         folder.close()
+    }
+
+    /// The renderer, and the sequence's radiance scale: that of a folder that was found, the scene's, or one that is looked
+    /// for.
+    pub(crate) fn open_source(
+        &mut self,
+        found: Option<&Record>,
+        observer: &mut dyn Observer,
+    ) -> Result<(FrameSource, f64), BatchError> {
+        let candidates = match (self.scene.radiance_scale, found) {
+            (RadianceScale::Auto, None) => brightest_candidates(&self.scene)?,
+            _ => Vec::new(),
+        };
+        let models = self.scene.take_models();
+        let (mut source, fallback) =
+            FrameSource::open(self.options.backend, models, self.quality(), &self.plan)?;
+        if let Some(reason) = fallback {
+            observer.note(&format!("rendering on the processor's cores: {reason}"));
+        }
+        if let Some(found) = found {
+            let wanted = self.record(source.name.backend, found.radiance_scale);
+            Folder::at(&self.options.dir).check_same(found, &wanted)?;
+        }
+        let radiance_scale = match (self.scene.radiance_scale, found) {
+            (RadianceScale::Value(value), _) => value,
+            (RadianceScale::Auto, Some(found)) => found.radiance_scale,
+            // Stars and planets alone are shown as bright as they are.
+            (RadianceScale::Auto, None) if self.scene.bodies.is_empty() => 1.0,
+            (RadianceScale::Auto, None) => {
+                observer.note("looking for the brightest pixel of the sequence, for its radiance scale");
+                automatic_scale(&self.scene, &self.plan, &self.picture, &mut source, &candidates)?
+            }
+        };
+        Ok((source, radiance_scale))
     }
 
     /// Renders on this thread and encodes on others; what waits between them is bounded.

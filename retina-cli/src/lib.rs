@@ -29,6 +29,12 @@ struct Arguments {
 enum Command {
     /// Renders a scene into screen images, with ground truth for each frame.
     Render(command::render::Arguments),
+    /// Cuts a scene or a campaign into shards, and writes what an engine takes to run them.
+    Plan(command::cluster::plan::Arguments),
+    /// Counts what is done, torn, missing and slow in a plan or a folder of frames.
+    Status(command::cluster::status::Arguments),
+    /// Joins the shards of a scene into one folder, every file held to its hash.
+    Merge(command::cluster::merge::Arguments),
     /// Renders poses received over the network, by CORTO's closed-loop protocol.
     Serve(command::serve::Arguments),
     /// Resamples an image through the facility's distortion.
@@ -88,6 +94,9 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     };
     let result = match arguments.command {
         Command::Render(arguments) => command::render::run(arguments),
+        Command::Plan(arguments) => command::cluster::plan::run(&arguments),
+        Command::Status(arguments) => command::cluster::status::run(&arguments),
+        Command::Merge(arguments) => command::cluster::merge::run(&arguments),
         Command::Serve(arguments) => command::serve::run(&arguments),
         Command::Warp(arguments) => command::warp::run(arguments),
         Command::Pattern(arguments) => command::pattern::run(&arguments),

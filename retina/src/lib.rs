@@ -53,6 +53,7 @@ pub use retina_batch as batch;
 pub use retina_bench as bench;
 pub use retina_calibration as calibration;
 pub use retina_campaign as campaign;
+pub use retina_cluster as cluster;
 pub use retina_corto as corto;
 pub use retina_diagnosis as diagnosis;
 pub use retina_experiments as experiments;

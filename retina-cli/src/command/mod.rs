@@ -3,6 +3,7 @@
 pub(crate) mod adapter;
 pub(crate) mod body;
 pub(crate) mod calibrate;
+pub(crate) mod cluster;
 pub(crate) mod compare;
 pub(crate) mod corto;
 pub(crate) mod decide;

@@ -1,0 +1,72 @@
+//! What every engine runs: one shard, and what joins them.
+
+use std::fmt::Write as _;
+
+use crate::plan::{Plan, Work};
+
+/// A word of a shell, whatever is in it.
+fn quoted(text: &str) -> String {
+    format!("'{}'", text.replace('\'', r"'\''"))
+}
+
+/// A comment holds no line end, and paths have none.
+fn head(plan: &Plan) -> String {
+    format!(
+        "retina=${{RETINA:-{command}}}\ncommand -v \"$retina\" >/dev/null 2>&1 || retina=retina\nexport RAYON_NUM_THREADS=\"${{RAYON_NUM_THREADS:-{cpus}}}\"\n",
+        command = quoted(&plan.command),
+        cpus = plan.cpus,
+    )
+}
+
+/// `task.sh`: makes one shard, however often it is started.
+pub(crate) fn task_script(plan: &Plan) -> String {
+    let source = quoted(&plan.source.to_string_lossy());
+    let shards = plan.shards;
+    let run = match plan.work {
+        Work::Scene => {
+            let mut run = format!(
+                r#"render {source} --out "$(printf 'shards/%05d' "$shard")" --shard "$shard/{shards}" --resume"#
+            );
+            for (option, value) in [("backend", &plan.backend), ("quality", &plan.quality)] {
+                if let Some(value) = value {
+                    let _ = write!(run, " --{option} {value}");
+                }
+            }
+            run
+        }
+        Work::FarRange => format!(r#"navigate far-range {source} --out results --shard "$shard/{shards}""#),
+    };
+    format!(
+        r#"#!/bin/sh
+# Makes one shard: ./task.sh NUMBER, from 0 to {last}. It may be killed and started again: what is done stays.
+# RETINA names the command `retina`, ATTEMPTS says how often it is tried (3), RAYON_NUM_THREADS how many cores it takes.
+set -u
+shard=${{1:?give the number of a shard, 0 to {last}}}
+cd "$(dirname "$0")" || exit 2
+{head}attempt=1
+while :; do
+    "$retina" {run} && exit 0
+    status=$?
+    [ "$attempt" -lt "${{ATTEMPTS:-3}}" ] || exit "$status"
+    attempt=$((attempt + 1))
+    sleep "$attempt"
+done
+"#,
+        last = shards - 1,
+        head = head(plan),
+    )
+}
+
+/// `finish.sh`: joins what the shards have made.
+pub(crate) fn finish_script(plan: &Plan) -> String {
+    let run = match plan.work {
+        Work::Scene => "merge shards/* --out merged".to_owned(),
+        Work::FarRange => {
+            format!("navigate far-range {} --out results", quoted(&plan.source.to_string_lossy()))
+        }
+    };
+    format!(
+        "#!/bin/sh\n# Joins what the shards have made. It refuses as long as something is missing.\nset -eu\ncd \"$(dirname \"$0\")\"\n{head}exec \"$retina\" {run}\n",
+        head = head(plan),
+    )
+}
