@@ -1,0 +1,183 @@
+//! Plans of shards: what their scripts do, how far they are, and what joining them refuses.
+
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use common::{Fixture, assert_done, assert_refused, contents, json, retina, stderr};
+
+fn plan(fixture: &Fixture, source: &str, out: &str, more: &[&str]) -> Output {
+    retina()
+        .arg("plan")
+        .arg(fixture.path(source))
+        .arg("--out")
+        .arg(fixture.path(out))
+        .args(more)
+        .output()
+        .unwrap()
+}
+
+fn status(folder: &Path, more: &[&str]) -> serde_json::Value {
+    json(&retina().arg("status").arg(folder).arg("--json").args(more).output().unwrap())
+}
+
+/// Runs a script of a plan's folder from elsewhere.
+fn script(folder: &Path, name: &str, arguments: &[&str]) -> Output {
+    Command::new(folder.join(name)).args(arguments).env("ATTEMPTS", "1").output().unwrap()
+}
+
+fn merge(folders: &[&Path], out: &Path, more: &[&str]) -> Output {
+    retina().arg("merge").args(folders).arg("--out").arg(out).args(more).output().unwrap()
+}
+
+#[test]
+fn the_shards_of_a_plan_are_one_run() {
+    let fixture = Fixture::with_frames(11);
+    assert_done(&fixture.render("whole", &[]));
+    // A path that a careless script would break at.
+    let out = "the plan's folder";
+    let own = fixture.path(out);
+    let cut = ["--shards", "3", "--format", "shell", "--backend", "cpu", "--cpus", "1"];
+    assert_done(&plan(&fixture, "scene.toml", out, &cut));
+    let found = status(&own, &[]);
+    assert_eq!((found["items"].as_u64(), found["missing"].as_u64()), (Some(11), Some(11)));
+    assert_eq!(found["shards"][0]["state"], "waiting");
+    assert_eq!(found["shards"][2]["items"], 3);
+    // One shard is done, another is torn; joining is refused, and says what is missing.
+    assert_done(&script(&own, "task.sh", &["0"]));
+    assert_done(&script(&own, "task.sh", &["1"]));
+    let torn = own.join("shards/00001/frames/000004.png");
+    fs::write(&torn, "").unwrap();
+    let found = status(&own, &[]);
+    assert_eq!(
+        (found["done"].as_u64(), found["torn"].as_u64(), found["missing"].as_u64()),
+        (Some(7), Some(1), Some(3))
+    );
+    assert_eq!((&found["shards"][0]["state"], &found["complete"]), (&"done".into(), &false.into()));
+    assert_refused(&script(&own, "finish.sh", &[]), &["frames are missing", "8 of 11 frames", "frame 2"]);
+    assert!(!own.join("merged").exists());
+    // A file of another content is seen where hashes are asked for.
+    fs::write(&torn, "another content").unwrap();
+    assert_eq!(status(&own, &[])["torn"], 0);
+    assert_eq!(status(&own, &["--verify"])["torn"], 1);
+    // The plan made again, and all tasks run again, mend it.
+    assert_done(&plan(&fixture, "scene.toml", out, &cut));
+    assert_done(&script(&own, "submit.sh", &[]));
+    assert_eq!(contents(&own.join("merged")), contents(&fixture.path("whole")));
+    let found = status(&own, &["--verify"]);
+    assert_eq!((found["complete"].as_bool(), found["merged"].as_u64()), (Some(true), Some(11)));
+    // Joined again, nothing is done; a joined folder is one of frames.
+    let again = json(&merge(&[&own.join("shards/00000")], &own.join("merged"), &["--partial", "--json"]));
+    assert_eq!((again["frames_done"].as_u64(), again["frames_skipped"].as_u64()), (Some(0), Some(4)));
+    assert_eq!(status(&own.join("merged"), &[])["complete"], true);
+    assert_eq!(contents(&own.join("merged")), contents(&fixture.path("whole")));
+    // A file that is not what its manifest says is not joined.
+    let damaged = own.join("shards/00000/truth/000003.json");
+    fs::remove_file(&damaged).unwrap();
+    fs::write(&damaged, "another content").unwrap();
+    assert_refused(&script(&own, "finish.sh", &[]), &["000003.json", "not what its manifest says"]);
+    assert_eq!(contents(&own.join("merged")), contents(&fixture.path("whole")));
+}
+
+#[test]
+fn scripts_of_every_engine_are_read_by_a_shell() {
+    let fixture = Fixture::with_frames(3);
+    for format in ["slurm", "hyperqueue", "snakemake", "kubernetes", "shell"] {
+        let own = fixture.path(format);
+        assert_done(&plan(&fixture, "scene.toml", format, &["--shards", "2", "--format", format]));
+        let mut read = 0;
+        for entry in fs::read_dir(&own).unwrap() {
+            let path = entry.unwrap().path();
+            if fs::read_to_string(&path).is_ok_and(|text| text.starts_with("#!/bin/sh")) {
+                let checked = Command::new("sh").arg("-n").arg(&path).output().unwrap();
+                assert_done(&checked);
+                read += 1;
+            }
+        }
+        assert!(read >= 3, "{format}: {read}");
+        // All know the scale of the whole sequence before the first frame.
+        let record =
+            |shard: &str| fs::read_to_string(own.join("shards").join(shard).join("batch.json")).unwrap();
+        assert_eq!(record("00000"), record("00001"));
+        assert!(record("00000").contains("\"backend\": \"native\""));
+    }
+}
+
+#[test]
+fn a_far_range_campaign_is_cut_into_shards() {
+    let fixture = Fixture::new();
+    let asset = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/scenarios/far-range.toml");
+    let setups = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/setups");
+    let text = fs::read_to_string(asset).unwrap().replace("../setups", setups);
+    fixture.write(
+        "far.toml",
+        &text.replace("samples = 100", "samples = 2").replace("count = 5000", "count = 7"),
+    );
+    assert_done(&plan(&fixture, "far.toml", "far", &["--shards", "2", "--format", "slurm"]));
+    let own = fixture.path("far");
+    assert_done(&script(&own, "task.sh", &["1"]));
+    let found = status(&own, &[]);
+    assert_eq!(
+        (found["unit"].as_str(), found["done"].as_u64(), found["missing"].as_u64()),
+        (Some("poses"), Some(3), Some(4))
+    );
+    assert_done(&script(&own, "task.sh", &["0"]));
+    assert_done(&script(&own, "finish.sh", &[]));
+    assert_eq!(status(&own, &[])["complete"], true);
+    assert!(own.join("results/far-range.json").exists());
+}
+
+#[test]
+fn what_cannot_be_cut_or_joined_is_refused() {
+    let fixture = Fixture::new();
+    let shell = |shards: &'static str| ["--format", "shell", "--shards", shards];
+    for shards in ["0", "7"] {
+        assert_refused(
+            &plan(&fixture, "scene.toml", "p", &shell(shards)),
+            &["--shards", "1 to 6", "6 frames"],
+        );
+    }
+    assert_refused(&plan(&fixture, "setup.toml", "p", &shell("2")), &["retina.setup/1", "retina.scene/1"]);
+    assert_refused(&plan(&fixture, "none.toml", "p", &shell("2")), &["none.toml", "cannot be read"]);
+    assert!(!fixture.path("p").exists());
+    // Another cut, another plan; a folder of something else.
+    assert_done(&plan(&fixture, "scene.toml", "p", &shell("2")));
+    assert_refused(
+        &plan(&fixture, "scene.toml", "p", &shell("3")),
+        &["another plan", "2 shards", "3 shards"],
+    );
+    fs::create_dir(fixture.path("mine")).unwrap();
+    fixture.write("mine/notes.txt", "mine");
+    assert_refused(&plan(&fixture, "scene.toml", "mine", &shell("2")), &["notes.txt", "folder of its own"]);
+    // The scene changes under its plan.
+    assert_done(&script(&fixture.path("p"), "task.sh", &["0"]));
+    fixture.edit("scene.toml", "0.12", "0.13");
+    let changed = script(&fixture.path("p"), "task.sh", &["1"]);
+    assert!(stderr(&changed).contains("another scene"), "{}", stderr(&changed));
+    assert_refused(&plan(&fixture, "scene.toml", "p", &shell("2")), &["another scene"]);
+    // Frames of two scenes, and of one scene by two renderers.
+    let shard = fixture.path("p/shards/00000");
+    assert_done(&fixture.render("other", &[]));
+    assert_refused(
+        &merge(&[&shard, &fixture.path("other")], &fixture.path("m"), &[]),
+        &["other", "another scene"],
+    );
+    assert_refused(
+        &merge(&[&fixture.path("mine")], &fixture.path("m"), &[]),
+        &["mine", "no frames of a run"],
+    );
+    assert!(!fixture.path("m").exists());
+    assert_refused(
+        &retina().arg("status").arg(fixture.path("mine")).output().unwrap(),
+        &["neither a plan nor frames"],
+    );
+    fixture.write("p/plan.json", "{\"schema\": \"retina.plan/1\"}");
+    assert_refused(
+        &retina().arg("status").arg(fixture.path("p")).output().unwrap(),
+        &["plan.json", "is not a plan"],
+    );
+}
