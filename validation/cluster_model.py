@@ -7,7 +7,7 @@ trajectory), renders its frames one after the other, and takes the next. Nodes f
 goes back to the queue, and the node returns after a while. Some nodes are slow. Every attempt pays the start again.
 
 Measured on two cores of a slow machine (VALIDATION.md, "Rendering" and "Campaigns beyond one machine"): 0.45 s a frame, 3.9 s
-from start to first frame, and 36 us of trajectory for each frame of the whole sequence. A frame has 3 files.
+from start to first frame, and 36 us of trajectory for each frame of the whole sequence. A frame has two files.
 """
 
 import argparse
@@ -90,7 +90,7 @@ def main():
         lost = 1 - options.frames * FRAME_S * (1 - SLOW_PART + SLOW_PART * SLOW) / busy
         print(f"| {shards} | {count:.0f} | {count * FRAME_S + START_S:.0f} | {end:.0f} | {ideal / end:.2f} | {max(0, lost):.2f} | {tries:.0f} |")
     if options.bytes:
-        print(f"storage: {options.frames * options.bytes / 1e9:.0f} GB in {3 * options.frames} files of frames and truth")
+        print(f"storage: {options.frames * options.bytes / 1e9:.0f} GB in {2 * options.frames} files of frames and truth")
 
 
 if __name__ == "__main__":

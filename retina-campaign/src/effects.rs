@@ -57,13 +57,17 @@ fn points(effect: PointsEffect) -> Option<Form> {
         E::LateralColour => (ARCSEC, 1, "the objective's, from 475 to 605 nm, at half the camera's width"),
         E::ColourWedge => (ARCSEC, 2, "a wedge's dispersion from 475 to 605 nm, along x, y"),
         E::SubpixelOffset => (PX, 1, "pitch of the sub-pixels, screen pixels (a third by itself)"),
-        E::ThermalBoresight => (&[("arcsec/K", DEG / 3600.0)], 2, "the mount's turn, along x, y"),
+        E::ThermalBoresight => {
+            (&[("arcsec/K", DEG / 3600.0)], 2, "the mount's turn, along the facility's x, y")
+        }
         E::ThermalFocal => (&[("ppm/K", 1e-6)], 1, "the objective's focal length"),
-        E::Drift => (&[("arcsec/h", DEG / 3600.0)], 2, "the camera's boresight in time, along x, y"),
+        E::Drift => (&[("arcsec/h", DEG / 3600.0)], 2, "the mount's turn in time, along the facility's x, y"),
         E::RollDrift => {
             (&[("arcsec/h", DEG / 3600.0)], 1, "the camera's roll, as its shift at half its width")
         }
-        E::Knock => (ARCSEC, 2, "a step of the boresight half way through the campaign, along x, y"),
+        E::Knock => {
+            (ARCSEC, 2, "a step of the mount half way through the campaign, along the facility's x, y")
+        }
         E::CameraPixelPhase => (SHARE, 1, "sensitive part of the camera's pixel along each axis"),
         E::RowLoadingShift => (PX, 1, "shift along x of a pixel whose row is all lit, screen pixels"),
         // The split of a point over pixels is always there.

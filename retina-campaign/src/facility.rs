@@ -60,10 +60,12 @@ pub struct Dynamics {
 }
 
 impl Dynamics {
-    /// The pose of an exposure; jitter depends on `seed` and its number alone.
+    /// The pose of an exposure; jitter depends on `seed` and its number alone. The mount belongs to the facility: its turns
+    /// have the facility's axes, whatever the camera's roll about the boresight.
     pub fn pose(
         &self,
         focal_px: f64,
+        camera_roll_rad: f64,
         time_s: f64,
         temperature_c: f64,
         seed: u64,
@@ -79,10 +81,11 @@ impl Dynamics {
                 + self.drift_per_s[k] * time_s
                 + knocked
                 + self.jitter * jitter;
-            focal_px * turn + self.shift_px[k]
+            focal_px * turn
         });
+        let turned = DVec2::from_angle(camera_roll_rad).rotate(DVec2::from_array(shift));
         ExposurePose {
-            shift_px: DVec2::from_array(shift),
+            shift_px: turned + DVec2::from_array(self.shift_px),
             roll_rad: self.roll_per_s * time_s,
             scale: 1.0 + self.focal_per_k * kelvin + self.scale,
         }

@@ -128,6 +128,7 @@ pub fn simulate_frames(
         let temperature_c = options.temperature.at_c(time_s);
         let pose = facility.dynamics.pose(
             bench.camera().pinhole.fx_px,
+            facility.wrong.camera_roll_rad,
             time_s,
             temperature_c,
             facility.seed,

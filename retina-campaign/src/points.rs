@@ -159,7 +159,14 @@ pub fn simulate_plan(
         };
         let frame = frame_number(index, planned);
         let focal_px = bench.camera().pinhole.fx_px;
-        let mut pose = facility.dynamics.pose(focal_px, time_s, temperature_c, facility.seed, frame);
+        let mut pose = facility.dynamics.pose(
+            focal_px,
+            roll_deg.to_radians(),
+            time_s,
+            temperature_c,
+            facility.seed,
+            frame,
+        );
         pose.shift_px += mounted_anew_px(planned.mounting, facility.seed);
         let exposure = Exposure { exposure_s, temperature_c, pose, frame };
         let shown = screen_image(screen, facility.setup.screen.width_px, facility.setup.screen.height_px);

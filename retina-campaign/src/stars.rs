@@ -145,7 +145,14 @@ pub fn simulate_stars(
         }
         let time_s = image as f64 * options.interval_s;
         let temperature_c = options.temperature.at_c(time_s);
-        let pose = facility.dynamics.pose(camera.fx_px, time_s, temperature_c, facility.seed, image as u64);
+        let pose = facility.dynamics.pose(
+            camera.fx_px,
+            facility.wrong.camera_roll_rad,
+            time_s,
+            temperature_c,
+            facility.seed,
+            image as u64,
+        );
         let exposure = Exposure { exposure_s, temperature_c, pose, frame: image as u64 };
         let screen = ScreenImage::grey(k_f.width_px, k_f.height_px, &counts);
         let frame = bench.expose(&screen, &exposure)?;

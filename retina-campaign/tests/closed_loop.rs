@@ -104,10 +104,10 @@ fn drift_knock_and_breathing() {
     dynamics.jitter = 0.0;
     let focal_px = 25.0 / 3.45e-3;
     let arcsec_px = focal_px / 206_264.806;
-    let early = dynamics.pose(focal_px, 600.0, 22.0, 1, 0);
+    let early = dynamics.pose(focal_px, 0.0, 600.0, 22.0, 1, 0);
     assert!((early.shift_px.x - 0.5 * arcsec_px).abs() < 1e-9 && early.shift_px.y.abs() < 1e-12);
     assert!((early.scale - 1.00004).abs() < 1e-12);
-    let late = dynamics.pose(focal_px, 3600.0, 20.0, 1, 0);
+    let late = dynamics.pose(focal_px, 0.0, 3600.0, 20.0, 1, 0);
     assert!((late.shift_px.y - 5.0 * arcsec_px).abs() < 1e-9);
     // 3 arcsec at u = 1, tan 0.1413.
     assert!((late.roll_rad - 3.0 / 206_264.806 / (1024.0 * 3.45e-3 / 25.0)).abs() < 1e-12);

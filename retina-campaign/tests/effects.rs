@@ -61,7 +61,7 @@ fn photograph(effects: &[Effect]) -> Vec<u16> {
     for at in 0..64 * 64 {
         screen.set(1300 + at % 64, 400 + at / 64, [255; 3]);
     }
-    let pose = facility.dynamics.pose(bench.camera().pinhole.fx_px, 3600.0, 24.0, 1, 0);
+    let pose = facility.dynamics.pose(bench.camera().pinhole.fx_px, 0.0, 3600.0, 24.0, 1, 0);
     let exposure =
         Exposure { exposure_s: 0.5 * bench_exposure_s(&setup), temperature_c: 24.0, pose, frame: 0 };
     bench.expose(&screen, &exposure).unwrap().dn
@@ -118,4 +118,29 @@ fn every_effect_on_power_changes_the_readings() {
         count += 1;
     }
     assert_eq!(count, PowerEffect::ALL.len());
+}
+
+/// The mount belongs to the facility. So a drift along x moves points as a shift of the screen's points along x does, however
+/// the camera is turned about the boresight.
+#[test]
+fn a_drift_keeps_the_facilitys_axes_when_the_camera_is_turned() {
+    let setup = setup();
+    let drift = Effect::parse("drift=40arcsec/h").unwrap();
+    let mut cosines = Vec::new();
+    for roll_deg in [0.0f64, 90.0, -35.0] {
+        let mut facility =
+            Facility::new(&setup, std::slice::from_ref(&drift), TableKind::Points, 3600.0, 1).unwrap();
+        facility.wrong.camera_roll_rad = roll_deg.to_radians();
+        let bench = facility.bench(OpticsDetail { nodes: [3, 3], lines: 3, half_px: 12 }).unwrap();
+        let focal_px = bench.camera().pinhole.fx_px;
+        let land = |x: f64, time_s: f64| {
+            let pose = facility.dynamics.pose(focal_px, roll_deg.to_radians(), time_s, 20.0, 1, 0);
+            let exposure = Exposure { exposure_s: 0.01, temperature_c: 20.0, pose, frame: 0 };
+            glam::DVec2::from_array(bench.land_px([x, 600.5], 1, &exposure).unwrap())
+        };
+        let (moved, along) = (land(960.5, 3600.0) - land(960.5, 0.0), land(970.5, 0.0) - land(960.5, 0.0));
+        assert!(moved.length() > 1.0, "{moved}");
+        cosines.push(moved.dot(along) / (moved.length() * along.length()));
+    }
+    assert!(cosines.iter().all(|own| (own - cosines[0]).abs() < 1e-3 && own.abs() > 0.999), "{cosines:?}");
 }

@@ -130,8 +130,57 @@ fn what_cannot_be_asked_is_refused() {
         &["--temperature-c", "18,24", "--hold", "temperature"],
         &["--temperature-c", "--hold temperature"],
     );
+    refused(&["--temperature-c", "-400,2000"], &["--temperature-c", "-150 to 150"]);
+    refused(&["--rival", "drift+knock", "--rival", "knock+drift"], &["two rivals are the same model"]);
     refused(&["--effect", "drift"], &["in the model already"]);
     let one = run(folder, &["decide", "--data", "old/points.csv", "--rival", "drift", "--out", "rounds"]);
     assert_refused(&one, &["at least two rivals"]);
     assert!(!folder.join("rounds").exists());
+}
+
+#[test]
+fn data_that_need_none_of_the_rivals_say_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    campaign(folder);
+    let path = folder.join("old/points.csv");
+    let still: String = std::fs::read_to_string(&path)
+        .unwrap()
+        .lines()
+        .map(|line| {
+            let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+            if let Ok(time_s) = cells[7].parse::<f64>() {
+                let seen: f64 = cells[4].parse().unwrap();
+                cells[4] = format!("{:.5}", seen - 0.21 * time_s / 660.0);
+            }
+            cells.join(",") + "\n"
+        })
+        .collect();
+    std::fs::write(&path, still).unwrap();
+    let held = ["places", "counts", "channel", "exposure", "roll", "temperature", "wait"];
+    let hold: Vec<&str> = held.iter().flat_map(|what| ["--hold", *what]).collect();
+    let said = asked(folder, &[&hold[..], &["--json"]].concat());
+    assert_done(&said);
+    let said = String::from_utf8(said.stdout).unwrap();
+    assert!(said.contains("\"verdict\": \"none_needed\"") && said.contains("\"decided\": null"), "{said}");
+}
+
+#[test]
+fn a_round_is_held_to_its_plan() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    campaign(folder);
+    assert_done(&asked(folder, &["--exposures", "2", "--points", "8", "--hold", "roll"]));
+    let points = folder.join("rounds/round_01/points.csv");
+    let header =
+        "image,screen_x_px,screen_y_px,digital_count,camera_x_px,camera_y_px,time_s,temperature_c,mounting\n";
+    let put = |rows: &str| std::fs::write(&points, format!("{header}{rows}")).unwrap();
+    put("other.png,960,600,100,1024,768,700,21,0\n");
+    assert_refused(&asked(folder, &[]), &["round_01/points.csv", "`other.png`", "remove the file"]);
+    put("000.png,960,600,100,1024,768,700,90,0\n");
+    let told = asked(folder, &["--budget", "2"]);
+    assert_done(&told);
+    let told = String::from_utf8(told.stdout).unwrap();
+    assert!(told.contains("1 of 2 planned exposures were not measured"), "{told}");
+    assert!(told.contains("temperature_c of 000.png was 90, planned was "), "{told}");
 }

@@ -240,7 +240,9 @@ impl Search<'_> {
             }
             let (apart, data) = self.apart(&pool, 1.0 / POOL as f64)?;
             // Of each row what it tells about the pairs that are not decided by far.
-            let mut told = vec![0.0; data.order.len()];
+            // A row that the fit leaves out, such as a saturated one, tells nothing.
+            let rows = self.material.measured() + pool.iter().map(|own| own.points.len()).sum::<usize>();
+            let mut told = vec![0.0; rows];
             for (apart, before) in apart.iter().zip(before) {
                 let share = 1.0 / (apart.square - before).max(1.0);
                 for (row, square) in apart.by_row.iter().enumerate() {

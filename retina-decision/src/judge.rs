@@ -35,9 +35,9 @@ impl Decision {
         (self.left.len() == 1 && self.misfit().is_none()).then_some(self.best)
     }
 
-    /// The exposure that the likeliest rival does not describe, and by how many standard deviations its level is off: then
+    /// The exposure that the likeliest rival does not describe, as the number of its group, and by how many standard deviations its level is off: then
     /// none of the rivals may be the true one.
-    pub fn misfit(&self) -> Option<&(String, f64)> {
+    pub fn misfit(&self) -> Option<&(usize, f64)> {
         Some(&self.judgements[self.best].worst_level).filter(|(_, sigmas)| *sigmas > MISFIT_SIGMAS)
     }
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use retina_diagnosis::Rival;
+use retina_diagnosis::{AddedEffect, Rival};
 use serde_json::{Value, json};
 
 use crate::{Decision, Design};
@@ -11,8 +11,14 @@ use crate::{Decision, Design};
 pub struct Outcome {
     /// The rivals.
     pub rivals: Vec<Rival>,
+    /// Effects that all of them have: those that were given, and those that a diagnosis named beside the best.
+    pub common: Vec<AddedEffect>,
+    /// Names of the exposures, in the order of the data's groups.
+    pub exposures: Vec<String>,
     /// What the measurements say of them.
     pub decision: Decision,
+    /// Whether the best is a hundred times likelier than none of them.
+    pub needed: bool,
     /// Exposures that were made to decide.
     pub used: usize,
     /// Most of them.
@@ -25,22 +31,30 @@ pub struct Outcome {
     pub waiting: Option<PathBuf>,
     /// Whether no exposure that may be made would tell those apart that are left.
     pub inseparable: bool,
-    /// What is left beside the best, where one is left: the verdict of a diagnosis and its first line.
+    /// What is left beside the best, where one is left, or without all of them, where none is needed: the verdict of a
+    /// diagnosis and its first line.
     pub beside: Option<(&'static str, String)>,
     /// What the user ought to know.
     pub notes: Vec<String>,
 }
 
 impl Outcome {
-    /// `decided`, `none_fits`, `open`, `inseparable` or `budget_spent`.
+    /// `decided`, `none_needed`, `none_fits`, `open`, `inseparable` or `budget_spent`.
     pub fn verdict(&self) -> &'static str {
-        match () {
-            () if self.decision.decided().is_some() => "decided",
-            () if self.decision.left.len() == 1 => "none_fits",
-            () if self.inseparable => "inseparable",
-            () if self.used >= self.budget => "budget_spent",
-            () => "open",
+        let spent = self.used >= self.budget;
+        match self.decision.left.len() {
+            1 if !self.needed => "none_needed",
+            1 if self.decision.decided().is_some() => "decided",
+            1 => "none_fits",
+            _ if (self.inseparable || spent) && !self.needed => "none_needed",
+            _ if self.inseparable => "inseparable",
+            _ if spent => "budget_spent",
+            _ => "open",
         }
+    }
+
+    fn exposure(&self, group: usize) -> &str {
+        self.exposures.get(group).map_or("", String::as_str)
     }
 
     fn name(&self, rival: usize) -> &str {
@@ -58,30 +72,37 @@ pub fn decision_text(outcome: &Outcome) -> Vec<String> {
     let names = outcome.decision.names(&outcome.rivals).join(", ");
     out.push(match outcome.verdict() {
         "decided" => format!("Decided: {names}"),
+        "none_needed" => "None of the rivals is needed: the data are described as well without them".to_owned(),
         "none_fits" => {
-            format!("{names} is the likeliest, and does not fit: none of the rivals may be the true one")
+            format!("{names} is the likeliest of them, and does not fit: perhaps none of the rivals is the true one")
         }
         "inseparable" => format!("No exposure that may be made tells these apart: {names}"),
         "budget_spent" => format!("The budget of {} exposures is spent; left are: {names}", outcome.budget),
         _ => format!("Left are: {names}"),
     });
+    if outcome.verdict() == "open" && !outcome.needed {
+        out.push("None of them is needed so far.".to_owned());
+    }
     out.push(String::new());
-    out.push("rival                              probability   error over noise".to_owned());
+    let width = outcome.rivals.iter().map(|rival| rival.name.chars().count()).max().unwrap_or(0).max(5);
+    out.push(format!("{:<width$}   share of probability   error over noise", "rival"));
     for (rival, judgement) in outcome.rivals.iter().zip(&outcome.decision.judgements) {
         out.push(format!(
-            "{:<34} {:>11}   {:.3}",
+            "{:<width$}   {:>20}   {:>16.3}",
             rival.name,
             probability(judgement.probability),
             judgement.error_over_noise
         ));
     }
-    if let Some((exposure, sigmas)) = outcome.decision.misfit() {
+    if let Some((group, sigmas)) = outcome.decision.misfit() {
         out.push(String::new());
-        out.push(format!("Beside the likeliest, exposure {exposure} is off by {} sigma.", sigma(*sigmas)));
+        let name = outcome.exposure(*group);
+        out.push(format!("Beside the likeliest, exposure {name} is off by {} sigma.", sigma(*sigmas)));
     }
     if let Some((_, text)) = &outcome.beside {
         out.push(String::new());
-        out.push(format!("Beside it: {text}"));
+        let where_from = if outcome.verdict() == "none_needed" { "Without them" } else { "Beside it" };
+        out.push(format!("{where_from}: {text}"));
     }
     if let Some((design, folder)) = &outcome.next {
         out.push(String::new());
@@ -158,7 +179,7 @@ pub fn decision_json(outcome: &Outcome) -> Value {
                 "ln_evidence": j.ln_evidence,
                 "ln_odds_against": j.ln_odds_against,
                 "error_over_noise": j.error_over_noise,
-                "worst_exposure": { "image": j.worst_level.0, "sigmas": j.worst_level.1 },
+                "worst_exposure": { "image": outcome.exposure(j.worst_level.0), "sigmas": j.worst_level.1 },
                 "ruled_out": !outcome.decision.left.contains(&k),
             })
         });
@@ -188,7 +209,9 @@ pub fn decision_json(outcome: &Outcome) -> Value {
     json!({
         "schema": "retina.decision/1",
         "verdict": outcome.verdict(),
-        "decided": outcome.decision.decided().map(|k| outcome.name(k)),
+        "needed": outcome.needed,
+        "common": outcome.common.iter().map(|effect| effect.name()).collect::<Vec<_>>(),
+        "decided": outcome.decision.decided().filter(|_| outcome.needed).map(|k| outcome.name(k)),
         "left": outcome.decision.names(&outcome.rivals),
         "rivals": rivals.collect::<Vec<_>>(),
         "exposures": { "used": outcome.used, "budget": outcome.budget },

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_calibration::geometry::{MeasurementPlan, PLAN_FILE, points_from_images};
+use retina_calibration::geometry::{MeasurementPlan, PLAN_FILE, PlannedExposure, points_from_images};
 use retina_files::InputError;
+use retina_formats::{PointRow, PointsTable};
 use retina_geometry::Setup;
 use retina_image::DetectOptions;
 
@@ -31,6 +32,70 @@ impl Round {
     /// Where its photographs go, with `images.csv`, where no table was made of them.
     pub fn images(&self) -> PathBuf {
         self.folder.join("images")
+    }
+}
+
+/// What a measured exposure may be off from its plan before it is told, and in which unit.
+const TOLERANCES: [(&str, f64, Condition, Measured); 4] = [
+    ("camera_roll_deg", 0.5, |planned| planned.camera_roll_deg, |row| row.camera_roll_deg),
+    ("temperature_c", 0.5, |planned| planned.temperature_c, |row| row.temperature_c),
+    ("exposure_s", 0.0, |planned| planned.exposure_s, |row| row.exposure_s),
+    ("mounting", 0.0, |planned| planned.mounting, |row| row.mounting),
+];
+
+type Condition = fn(&PlannedExposure) -> Option<f64>;
+type Measured = fn(&PointRow) -> Option<f64>;
+
+impl Round {
+    /// What was measured otherwise than planned, in words. The measurements count as they are.
+    ///
+    /// # Errors
+    /// Nothing was measured, or exposures that the plan does not have.
+    pub fn deviations(&self, plan: &MeasurementPlan, table: &PointsTable) -> Result<Vec<String>, InputError> {
+        let path = self.points();
+        let own: Vec<&PointRow> = table
+            .rows
+            .iter()
+            .filter(|row| table.files.get(row.file).is_some_and(|file| file.path == path))
+            .collect();
+        let help = "remove the file, and measure the round again";
+        if own.is_empty() {
+            return Err(InputError::new(&path, "holds no point")
+                .expected("the points of the plan's screens")
+                .help(help));
+        }
+        let image = |row: &&&PointRow| table.images[row.image].as_str();
+        if let Some(other) =
+            own.iter().find(|row| plan.exposures.iter().all(|planned| planned.image != image(row)))
+        {
+            return Err(InputError::new(&path, "has an exposure that the plan does not have")
+                .found(format!("`{}`", image(&other)))
+                .expected(format!("the images of {PLAN_FILE}, such as `{}`", plan.exposures[0].image))
+                .help(help));
+        }
+        let mut out = Vec::new();
+        let rows = |planned: &PlannedExposure| own.iter().find(|row| image(row) == planned.image);
+        let missing = plan.exposures.iter().filter(|planned| rows(planned).is_none()).count();
+        if missing > 0 {
+            out.push(format!(
+                "{}: {missing} of {} planned exposures were not measured",
+                path.display(),
+                plan.exposures.len()
+            ));
+        }
+        for (column, most, planned_value, measured_value) in TOLERANCES {
+            let off = plan.exposures.iter().find_map(|planned| {
+                let (wanted, found) = (planned_value(planned)?, measured_value(rows(planned)?));
+                let within = found.is_some_and(|found| (found - wanted).abs() <= most + 1e-6 * wanted.abs());
+                (!within).then(|| (planned.image.clone(), wanted, found))
+            });
+            if let Some((image, wanted, found)) = off {
+                let found =
+                    found.map_or_else(|| "is not in the table".to_owned(), |found| format!("was {found}"));
+                out.push(format!("{}: {column} of {image} {found}, planned was {wanted}", path.display()));
+            }
+        }
+        Ok(out)
     }
 }
 

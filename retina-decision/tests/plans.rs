@@ -166,3 +166,13 @@ fn a_plan_reads_back_and_spots_do_not_merge() {
         assert!(dose < 1.05 * 0.02 * (160.0f64 / 255.0).powf(2.2), "{planned:?}");
     }
 }
+
+#[test]
+fn saturated_points_are_left_out_of_a_plan() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut table = table(folder.path());
+    for row in table.rows.iter_mut().rev().take(3) {
+        row.saturated = true;
+    }
+    assert!(designed(&table, &Freedom::default(), Choice::Separating, 1).gains());
+}

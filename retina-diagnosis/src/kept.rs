@@ -87,6 +87,15 @@ pub fn diagnose_with_kept(
     if found.verdict == Verdict::Adequate && !taken.is_empty() {
         found.verdict = Verdict::Named;
     }
+    if taken.len() < kept.len() {
+        found.notes.push(match found.verdict {
+            Verdict::Unknown => format!("{} kept formulas do not hold in this table", kept.len() - taken.len()),
+            _ => format!(
+                "{} kept formulas were not tried: nothing is left beside what was found. `retina fit --effect FILE` fits one all the same",
+                kept.len() - taken.len()
+            ),
+        });
+    }
     found.kept = taken;
     (found, model)
 }

@@ -40,8 +40,8 @@ pub struct Judgement {
     pub ln_odds_against: f64,
     /// Probability among the rivals, all alike beforehand.
     pub probability: f64,
-    /// The exposure whose level is furthest off beside it, and by how many standard deviations.
-    pub worst_level: (String, f64),
+    /// The exposure whose level is furthest off beside it, as the number of its group, and by how many standard deviations.
+    pub worst_level: (usize, f64),
     /// Rms of the errors that it leaves over that of the noise, per component: 1 where all is noise.
     pub error_over_noise: f64,
 }
@@ -273,18 +273,18 @@ fn weigh(judgements: &mut [Judgement]) {
 }
 
 /// The group whose mean error is furthest off: whitened errors along the roots of the weights are its level.
-fn worst_level(fit: &Adjusted, weights: &Weights) -> (String, f64) {
+fn worst_level(fit: &Adjusted, weights: &Weights) -> (usize, f64) {
     let frame = Frame::weighted(&fit.data, &fit.base, weights.clone());
     let n = fit.data.components();
-    let mut worst = (String::new(), 0.0);
-    for group in &fit.data.groups {
+    let mut worst = (0, 0.0);
+    for (number, group) in fit.data.groups.iter().enumerate() {
         let sum: f64 = weights.weight[group.rows.clone()].iter().sum();
         for axis in 0..n {
             let rows = group.rows.clone();
             let along: f64 = rows.map(|row| weights.weight[row].sqrt() * frame.error[row * n + axis]).sum();
             let sigmas = if sum > 0.0 { (along / sum.sqrt()).abs() } else { 0.0 };
             if sigmas > worst.1 {
-                worst = (group.name.clone(), sigmas);
+                worst = (number, sigmas);
             }
         }
     }
@@ -404,7 +404,8 @@ fn evidence(fit: &Adjusted, rival: &Rival, weights: &Weights, components: f64) -
     }
     if found.is_empty() {
         // The baseline alone.
-        found = of(&fit.base, 0, &[Vec::new()]);
+        let frame = Frame::weighted(&fit.data, &fit.base, weights.clone());
+        found.push([-0.5 * dot(&frame.error, &frame.error); 2]);
     }
     let most = |k: usize| found.iter().map(|ln| ln[k]).fold(f64::NEG_INFINITY, f64::max);
     let sum: f64 = found.iter().map(|ln| (ln[0] - most(0)).exp()).sum();

@@ -1,14 +1,17 @@
 //! Deciding between rival models: what the measurements say of them, and the exposures that tell those apart that are
 //! left, round after round.
 
+mod record;
+
 use std::path::PathBuf;
 
 pub use retina_decision::*;
-use retina_diagnosis::{DiagnoseOptions, Rival, Rivals, diagnose, headline};
-use retina_files::{InputError, write_atomic};
+use retina_diagnosis::{AddedEffect, DiagnoseOptions, Diagnosis, Rival, Rivals, diagnose, headline};
+use retina_files::InputError;
 use retina_formats::Measurements;
 
 use crate::workbench::{GivenEffect, Input, Measured, TableMaterial, added_effects};
+use record::{Asked, write_record};
 
 /// What is asked.
 #[derive(Clone)]
@@ -30,6 +33,9 @@ pub struct Question {
     pub folder: PathBuf,
 }
 
+/// Most effects that a diagnosis adds to all rivals.
+const MOST_JOINED: usize = 4;
+
 /// Makes a round's measurements: they are in its folder afterwards.
 pub type Take<'a> = &'a dyn Fn(&Round) -> Result<(), InputError>;
 
@@ -49,7 +55,8 @@ pub fn decide(
     let rounds = Rounds::new(&question.folder)?;
     let first = points(input, &[])?;
     let specified = specified(question, &first)?;
-    check_same_question(&rounds, input, &specified)?;
+    let asked = Asked::of(input, question, &specified)?;
+    asked.check(rounds.folder())?;
     let mut history = Vec::new();
     let mut seen = 0;
     loop {
@@ -73,7 +80,11 @@ pub fn decide(
             (Some(round), None) if outcome.decision.left.len() > 1 => outcome.waiting = Some(round.folder),
             _ => plan(&rounds, &material, question, tables.len() + 1, &mut outcome, progress)?,
         }
-        record(&rounds, input, &specified, &outcome)?;
+        if outcome.verdict() == "none_needed" {
+            let found = diagnosed(&material, question, &outcome.common);
+            outcome.beside = Some((found.verdict.name(), headline(&material.data, &found)));
+        }
+        write_record(rounds.folder(), &asked, &outcome)?;
         let Some((take, round)) = take.zip(outcome.next.as_ref().map(|_| rounds.round(tables.len() + 1)))
         else {
             return Ok(outcome);
@@ -141,19 +152,27 @@ fn confounded(question: &Question, material: &TableMaterial) -> Result<Vec<Strin
     Ok(own.map(|id| std::iter::once(id).chain(&others).copied().collect::<Vec<_>>().join("+")).collect())
 }
 
+/// An effect was given as a rival.
+fn of_rival(mut error: InputError) -> InputError {
+    if error.file.as_os_str() == "--effect" {
+        error.file = "--rival".into();
+    }
+    error
+}
+
 fn read(
     specified: &[String],
     question: &Question,
     material: &TableMaterial,
 ) -> Result<Vec<Rival>, InputError> {
     let common = added_effects(&question.common, &material.data)?;
-    specified
+    let rivals: Vec<Rival> = specified
         .iter()
         .map(|text| {
             let own: Vec<GivenEffect> =
                 text.split('+').map(|part| GivenEffect::Text(part.trim().to_owned())).collect();
             let mut effects = common.clone();
-            for effect in added_effects(&own, &material.data)? {
+            for effect in added_effects(&own, &material.data).map_err(of_rival)? {
                 if effects.iter().any(|other| other.name() == effect.name()) {
                     return Err(InputError::new("--rival", "has an effect that is in the model already")
                         .found(format!("`{}` in `{text}`", effect.name())));
@@ -162,34 +181,83 @@ fn read(
             }
             Ok(Rival { name: text.clone(), effects })
         })
-        .collect()
+        .collect::<Result<_, InputError>>()?;
+    let names = |rival: &Rival| {
+        let mut names: Vec<String> = rival.effects.iter().map(|effect| effect.name().to_owned()).collect();
+        names.sort();
+        names
+    };
+    for (k, own) in rivals.iter().enumerate() {
+        if let Some(other) = rivals[..k].iter().find(|other| names(other) == names(own)) {
+            return Err(InputError::new("--rival", "two rivals are the same model")
+                .found(format!("`{}` and `{}`", other.name, own.name)));
+        }
+    }
+    Ok(rivals)
 }
 
+fn diagnosed(material: &TableMaterial, question: &Question, beside: &[AddedEffect]) -> Diagnosis {
+    let options = DiagnoseOptions { seed: question.seed, ..DiagnoseOptions::default() };
+    diagnose(&material.data, beside, &options)
+}
+
+/// Judges the rivals. What a diagnosis names beside the only one that is left may be what ruled the others out: all rivals
+/// get it, and are judged again.
 fn judged(
     rounds: &Rounds,
     material: &TableMaterial,
-    rivals: Vec<Rival>,
+    mut rivals: Vec<Rival>,
     question: &Question,
     measured: usize,
     history: &[Vec<f64>],
 ) -> Result<Outcome, InputError> {
-    let decision = Decision::of(&Rivals::fit(&material.data, &rivals)?);
+    let mut common = added_effects(&question.common, &material.data)?;
+    let mut notes = material.data.notes.clone();
+    let (mut decision, mut beside);
+    loop {
+        decision = Decision::of(&Rivals::fit(&material.data, &rivals)?);
+        beside = None;
+        let Some(best) = decision.decided() else { break };
+        let found = diagnosed(material, question, &rivals[best].effects);
+        beside = Some((found.verdict.name(), headline(&material.data, &found)));
+        let has = |effects: &[AddedEffect], id: &str| effects.iter().any(|effect| effect.name() == id);
+        let further: Vec<&str> = found.accepted.iter().copied().filter(|id| !has(&common, id)).collect();
+        if further.is_empty() || common.len() >= question.common.len() + MOST_JOINED {
+            break;
+        }
+        for id in further {
+            let effect = AddedEffect::read(id, &material.data)?;
+            for rival in rivals.iter_mut().filter(|rival| !has(&rival.effects, id)) {
+                rival.effects.push(effect.clone());
+            }
+            common.push(effect);
+            notes.push(format!(
+                "a diagnosis beside {} names {id}: all rivals have it here, and were judged again",
+                rivals[best].name
+            ));
+        }
+    }
+    let none = Rival { name: "none of them".to_owned(), effects: common.clone() };
+    let needed = !Decision::of(&Rivals::fit(&material.data, &[rivals[decision.best].clone(), none])?)
+        .left
+        .contains(&1);
     let mut used = 0;
     for number in 1..=measured {
-        let folder = rounds.round(number).folder;
-        used +=
-            retina_calibration::geometry::MeasurementPlan::read(&folder, &material.setup)?.exposures.len();
+        let round = rounds.round(number);
+        let plan = retina_calibration::geometry::MeasurementPlan::read(&round.folder, &material.setup)?;
+        used += plan.exposures.len();
+        if let Measurements::Points(table) = &material.tables {
+            notes.extend(round.deviations(&plan, table)?);
+        }
     }
     let mut history = history.to_vec();
     history.push(decision.judgements.iter().map(|j| j.probability).collect());
-    let beside = decision.decided().map(|best| {
-        let options = DiagnoseOptions { seed: question.seed, ..DiagnoseOptions::default() };
-        let found = diagnose(&material.data, &rivals[best].effects, &options);
-        (found.verdict.name(), headline(&material.data, &found))
-    });
     Ok(Outcome {
+        exposures: exposure_names(material),
         rivals,
+        common,
         decision,
+        needed,
         used,
         budget: question.budget,
         history,
@@ -197,8 +265,23 @@ fn judged(
         waiting: None,
         inseparable: false,
         beside,
-        notes: material.data.notes.clone(),
+        notes,
     })
+}
+
+/// Names of the data's exposures: with their file where there are several, since each round has a 000.png.
+fn exposure_names(material: &TableMaterial) -> Vec<String> {
+    let groups = material.data.groups.iter();
+    let Measurements::Points(table) = &material.tables else {
+        return groups.map(|group| group.name.clone()).collect();
+    };
+    groups
+        .map(|group| {
+            let row = table.rows.get(material.data.order[group.rows.start]);
+            let file = row.and_then(|row| table.files.get(row.file)).filter(|_| table.files.len() > 1);
+            file.map_or_else(|| group.name.clone(), |file| format!("{}: {}", file.path.display(), group.name))
+        })
+        .collect()
 }
 
 /// Plans a round, where more than one rival is left and the budget allows.
@@ -236,36 +319,4 @@ fn plan(
     let round = rounds.write(number, &plan, &material.setup, question.seed)?;
     outcome.next = Some((design, round.folder));
     Ok(())
-}
-
-/// File that says what was asked and decided.
-const RECORD: &str = "decision.json";
-
-fn asked(input: &Input, specified: &[String]) -> serde_json::Value {
-    let Measured::Files(files) = &input.measured else { return serde_json::Value::Null };
-    serde_json::json!({ "setup": input.setup.name, "data": files, "rivals": specified })
-}
-
-/// A folder holds the rounds of one question.
-fn check_same_question(rounds: &Rounds, input: &Input, specified: &[String]) -> Result<(), InputError> {
-    let path = rounds.folder().join(RECORD);
-    let Ok(text) = std::fs::read_to_string(&path) else { return Ok(()) };
-    let known: serde_json::Value = serde_json::from_str(&text)
-        .map_err(|error| InputError::new(&path, format!("cannot be read: {error}")))?;
-    if known["asked"] == asked(input, specified) {
-        return Ok(());
-    }
-    Err(InputError::new(rounds.folder(), "the folder has rounds of another question")
-        .found(known["asked"].to_string())
-        .expected(asked(input, specified).to_string())
-        .help("name another folder with --out"))
-}
-
-fn record(rounds: &Rounds, input: &Input, specified: &[String], outcome: &Outcome) -> Result<(), InputError> {
-    let path = rounds.folder().join(RECORD);
-    let failed = |error: std::io::Error| InputError::new(&path, format!("cannot be written: {error}"));
-    std::fs::create_dir_all(rounds.folder()).map_err(failed)?;
-    let mut document = decision_json(outcome);
-    document["asked"] = asked(input, specified);
-    write_atomic(&path, format!("{document:#}\n").as_bytes()).map_err(failed)
 }

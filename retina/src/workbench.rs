@@ -244,7 +244,7 @@ pub enum GivenEffect {
 }
 
 impl GivenEffect {
-    fn name(&self) -> &str {
+    pub(crate) fn name(&self) -> &str {
         match self {
             Self::Text(text) => text,
             Self::Own(effect) => effect.name(),

@@ -38,6 +38,14 @@ pub struct MeasurementPlan {
 /// File of the exposures.
 pub const PLAN_FILE: &str = "plan.csv";
 
+/// What a column's values may be.
+const BOUNDS: [(&str, fn(f64) -> bool, &str); 4] = [
+    ("exposure_s", |value| value > 0.0 && value <= 86_400.0, "more than 0, at most a day"),
+    ("temperature_c", |value| (-150.0..=150.0).contains(&value), "-150 to 150"),
+    ("camera_roll_deg", |value| value.abs() <= 360.0, "-360 to 360"),
+    ("mounting", |value| value >= 0.0 && value.fract() == 0.0, "a whole number from 0"),
+];
+
 impl MeasurementPlan {
     /// Writes the pattern and `plan.csv`.
     ///
@@ -82,8 +90,22 @@ impl MeasurementPlan {
                     .found(format!("`{name}`"))
             })?;
             let number = |column: &str| table.number_or_empty(row, column);
+            let image = table.text(row, "image").to_owned();
+            if exposures.iter().any(|other: &PlannedExposure| other.image == image) {
+                return Err(InputError::new(table.file(), "an image stands there twice")
+                    .cell(table.line(row), "image")
+                    .found(format!("`{image}`")));
+            }
+            for (column, fits, expected) in BOUNDS {
+                if let Some(value) = number(column)?.filter(|value| !fits(*value)) {
+                    return Err(InputError::new(table.file(), "cannot be carried out")
+                        .cell(table.line(row), column)
+                        .found(value)
+                        .expected(expected));
+                }
+            }
             exposures.push(PlannedExposure {
-                image: table.text(row, "image").to_owned(),
+                image,
                 screen,
                 exposure_s: number("exposure_s")?,
                 time_s: number("time_s")?,
@@ -91,6 +113,9 @@ impl MeasurementPlan {
                 camera_roll_deg: number("camera_roll_deg")?,
                 mounting: number("mounting")?,
             });
+        }
+        if exposures.is_empty() {
+            return Err(InputError::new(table.file(), "holds no exposure"));
         }
         Ok(Self { pattern, exposures })
     }

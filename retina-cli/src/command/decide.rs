@@ -42,7 +42,7 @@ pub(crate) struct Arguments {
     hold: Vec<String>,
     /// Lowest and highest temperature that the bench can be brought to, degC [default: those of the
     /// table].
-    #[arg(long, value_name = "LOW,HIGH", value_delimiter = ',', num_args = 1.., allow_negative_numbers = true)]
+    #[arg(long, value_name = "LOW,HIGH", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
     temperature_c: Option<Vec<f64>>,
     /// Time that the bench needs to settle at another temperature, s.
     #[arg(long, default_value_t = 1800.0)]
@@ -67,11 +67,11 @@ impl Arguments {
         let held = self.hold.iter().map(|text| Factor::parse(text)).collect::<Result<_, _>>()?;
         let temperature_c = match self.temperature_c.as_deref() {
             None => None,
-            Some(&[low, high]) if low < high && low.is_finite() && high.is_finite() => Some([low, high]),
+            Some(&[low, high]) if low < high && low >= -150.0 && high <= 150.0 => Some([low, high]),
             Some(other) => {
                 return Err(InputError::new("--temperature-c", "is no range of temperatures")
                     .found(format!("{other:?}"))
-                    .expected("the lowest and the highest, such as 18,24"));
+                    .expected("the lowest and the highest, such as 18,24, from -150 to 150"));
             }
         };
         if !(self.settle_s >= 0.0 && self.settle_s.is_finite()) {
@@ -130,7 +130,8 @@ fn measure(command: &str, round: &Round) -> Result<(), InputError> {
         return Ok(());
     }
     let said = String::from_utf8_lossy(&output.stderr);
+    let said = if said.trim().is_empty() { "it said nothing" } else { said.trim() };
     Err(InputError::new("--take", "the command failed")
-        .found(format!("{} in round {}: {}", output.status, round.number, said.trim()))
+        .found(format!("{} in round {}: {said}", output.status, round.number))
         .help("the round stays planned: mend the command and run the same again"))
 }

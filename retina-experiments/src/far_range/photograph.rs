@@ -83,8 +83,14 @@ impl Photographer {
         let photograph = match self.scenario.images {
             Images::Bench => {
                 let focal_px = self.camera.pinhole.fx_px;
-                exposure.pose =
-                    facility.dynamics.pose(focal_px, 0.0, exposure.temperature_c, facility.seed, frame);
+                exposure.pose = facility.dynamics.pose(
+                    focal_px,
+                    facility.wrong.camera_roll_rad,
+                    0.0,
+                    exposure.temperature_c,
+                    facility.seed,
+                    frame,
+                );
                 bench.expose(&screen(painter, sources, bench), &exposure)?
             }
             _ => bench.read(&self.light_e(sources, bench), &exposure),

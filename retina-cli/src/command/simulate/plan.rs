@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use retina_calibration::geometry::MeasurementPlan;
 use retina_campaign::{PointsOptions, simulate_plan};
+use retina_files::InputError;
 use retina_formats::TableKind;
 use serde_json::json;
 
@@ -35,12 +36,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start_s = plan.exposures.iter().filter_map(|exposure| exposure.time_s).reduce(f64::min);
     let facility = common.facility(TableKind::Points, start_s.unwrap_or(0.0))?;
     let options = PointsOptions { centroid: arguments.centroid.into(), ..PointsOptions::default() };
+    let table = common.out.join("points.csv");
+    if table.exists() {
+        return Err(InputError::new(&table, "is there already")
+            .help("give --out another folder, or remove the file to measure the plan again")
+            .into());
+    }
     common.make_folder()?;
     let bar = counter(plan.exposures.len() as u64, "exposures");
     let keep = arguments.images.then_some(common.out.as_path());
     let result = simulate_plan(&facility, &plan, &options, keep, |done| bar.set_position(done as u64))?;
     bar.finish_and_clear();
-    let table = common.out.join("points.csv");
     result.table.write(&table, &facility.setup)?;
     tell!(
         "{}: {} of {} points measured in {} exposures",
