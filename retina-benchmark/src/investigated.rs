@@ -112,7 +112,7 @@ fn listed(formulas: &[Vec<String>]) -> String {
 /// Columns with x and y as one place.
 fn columns<'a>(names: impl Iterator<Item = &'a str>) -> BTreeSet<String> {
     names
-        .map(|name| match name {
+        .flat_map(|name| match name {
             "x" | "y" | "r" => vec!["place"],
             "F" => vec!["log10_irradiance"],
             "level" => vec!["digital_count"],
@@ -120,7 +120,6 @@ fn columns<'a>(names: impl Iterator<Item = &'a str>) -> BTreeSet<String> {
             "ln_irradiance" | "per_irradiance" => vec!["digital_count", "square_px"],
             name => vec![name],
         })
-        .flatten()
         .map(str::to_owned)
         .collect()
 }

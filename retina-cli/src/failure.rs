@@ -6,8 +6,9 @@ use std::io::{IsTerminal as _, Write as _};
 use miette::{Diagnostic, LabeledSpan, MietteHandlerOpts, NamedSource, ReportHandler, SourceCode};
 use retina_batch::BatchError;
 use retina_bench::BenchError;
-use retina_files::InputError;
+use retina_files::{InputError, Place};
 use retina_render::RenderError;
+use serde_json::{Value, json};
 
 /// What ends the command with exit code 2, or 1 where all was done and a tolerance is exceeded.
 pub(crate) struct Failure {
@@ -16,12 +17,14 @@ pub(crate) struct Failure {
     help: Option<String>,
     source: Option<NamedSource<String>>,
     span: Option<(usize, usize)>,
+    /// Where the input does not fit, for programs.
+    input: Option<Value>,
 }
 
 impl Failure {
     /// A failure that is no input's fault.
     pub(crate) fn new(message: impl Into<String>) -> Self {
-        Self { exit_code: 2, message: message.into(), help: None, source: None, span: None }
+        Self { exit_code: 2, message: message.into(), help: None, source: None, span: None, input: None }
     }
 
     /// All is done and written, but a tolerance that the caller asked for is exceeded.
@@ -32,6 +35,17 @@ impl Failure {
     /// The command's exit code.
     pub(crate) fn exit_code(&self) -> u8 {
         self.exit_code
+    }
+
+    /// The failure for programs, schema `retina.error/1`.
+    pub(crate) fn document(&self) -> Value {
+        json!({
+            "schema": "retina.error/1",
+            "exit_code": self.exit_code,
+            "message": self.message,
+            "help": self.help,
+            "input": self.input,
+        })
     }
 
     /// Prints the error to standard error, with the place in the file underlined where it has one.
@@ -52,6 +66,7 @@ impl Failure {
 impl From<InputError> for Failure {
     fn from(error: InputError) -> Self {
         let message = error.to_string();
+        let input = Some(input_json(&error));
         let (source, span) = match error.snippet {
             Some(snippet) => {
                 // A span at the very end of the text is moved onto it, where it can be shown.
@@ -62,8 +77,30 @@ impl From<InputError> for Failure {
             }
             None => (None, None),
         };
-        Self { exit_code: 2, message, help: error.help, source, span }
+        Self { exit_code: 2, message, help: error.help, source, span, input }
     }
+}
+
+/// Input that does not fit: which, where, what is wrong, what was found and expected.
+pub(crate) fn input_json(error: &InputError) -> Value {
+    let (mut line, mut column, mut name) = (None, None, None);
+    match &error.place {
+        Place::File => {}
+        Place::Line(at) => line = Some(*at),
+        Place::LineColumn(at, character) => (line, column) = (Some(*at), Some(json!(character))),
+        Place::Cell(at, title) => (line, column) = (Some(*at), Some(json!(title))),
+        Place::Named(text) => name = Some(text),
+    }
+    json!({
+        "file": error.file,
+        "line": line,
+        "column": column,
+        "place": name,
+        "problem": error.problem,
+        "found": error.found,
+        "expected": error.expected,
+        "help": error.help,
+    })
 }
 
 impl From<BatchError> for Failure {

@@ -1,7 +1,8 @@
 //! The command `retina`: arguments in, libraries called, results and errors shown.
 //!
 //! Exit codes: 0 done; 1 done, and a tolerance that the caller asked for is exceeded; 2 bad input
-//! or failure. With `--json` standard output holds one JSON document and nothing else.
+//! or failure. With `--json` standard output holds one JSON document and nothing else; of a failure it
+//! is one of schema `retina.error/1`.
 //!
 //! The command is a library, so that the program `retina` and the Python wheel run the same code.
 
@@ -13,7 +14,7 @@ mod setup;
 
 use std::ffi::OsString;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 
 use failure::Failure;
 
@@ -78,17 +79,32 @@ enum Command {
     Navigate(command::navigate::Command),
     /// Opens the workbench in the browser: see where the model fails, add an effect, watch the error fall.
     View(command::view::Arguments),
+    /// Writes a commented file to start from.
+    New(command::new::Arguments),
+    /// Says what files are, whether they read, and what they would do.
+    Check(command::check::Arguments),
+    /// Says what this machine has: renderer, cores, memory, disk.
+    Doctor(command::doctor::Arguments),
     /// Shows which graphics adapter would render.
     Adapter(command::adapter::Arguments),
+    /// Prints a shell's completions.
+    Completions(command::shell::Completions),
+    /// Writes manual pages.
+    Man(command::shell::Man),
 }
 
 /// Runs the command with these arguments, the program's name first, and gives its exit code.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let wants_json = arguments.iter().any(|argument| argument == "--json");
     let arguments = match Arguments::try_parse_from(arguments) {
         Ok(arguments) => arguments,
         Err(error) => {
             // Help goes to standard output and is no failure. Where neither stream can be written the code speaks.
             let _ = error.print();
+            if wants_json && error.use_stderr() {
+                let _ = output::print_json(&Failure::new(error.render().to_string().trim()).document());
+            }
             return u8::try_from(error.exit_code()).unwrap_or(2);
         }
     };
@@ -116,12 +132,21 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Simulate(command) => command::simulate::run(&command),
         Command::Navigate(command) => command::navigate::run(&command),
         Command::View(arguments) => command::view::run(&arguments),
+        Command::New(arguments) => command::new::run(&arguments),
+        Command::Check(arguments) => command::check::run(&arguments),
+        Command::Doctor(arguments) => command::doctor::run(&arguments),
+        Command::Completions(arguments) => command::shell::completions(&arguments, Arguments::command()),
+        Command::Man(arguments) => command::shell::man(&arguments, Arguments::command()),
         Command::Adapter(arguments) => command::adapter::run(&arguments),
     };
     match result {
         Ok(()) => 0,
         Err(failure) => {
             failure.show();
+            // A document that is there already says how far the command came.
+            if wants_json && output::is_silent() {
+                let _ = output::print_json(&failure.document());
+            }
             failure.exit_code()
         }
     }

@@ -5,6 +5,7 @@
 
 use std::fmt;
 use std::io::{self, ErrorKind, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::failure::Failure;
 
@@ -37,7 +38,21 @@ pub(crate) fn print_lines(lines: &[String]) -> Result<(), Failure> {
     lines.iter().try_for_each(|line| print(format_args!("{line}\n")))
 }
 
+/// Text on standard output, as it is.
+pub(crate) fn print_text(text: &str) -> Result<(), Failure> {
+    print(format_args!("{text}"))
+}
+
+/// Whether anything was written to standard output.
+static WRITTEN: AtomicBool = AtomicBool::new(false);
+
+/// Whether standard output is still empty.
+pub(crate) fn is_silent() -> bool {
+    !WRITTEN.load(Ordering::Relaxed)
+}
+
 fn print(text: fmt::Arguments<'_>) -> Result<(), Failure> {
+    WRITTEN.store(true, Ordering::Relaxed);
     let mut out = io::stdout().lock();
     of_writing(out.write_fmt(text).and_then(|()| out.flush()))
 }

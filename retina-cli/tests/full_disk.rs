@@ -237,7 +237,9 @@ fn a_kernel_serves_that_has_sun_earth_and_moon_and_no_other() {
     {
         let out = run(bodies, from_s);
         let error = text(&out.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
-        assert!(out.status.code() == Some(2) && out.stdout.is_empty(), "{error}");
+        assert_eq!(out.status.code(), Some(2), "{error}");
+        let document: Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert_eq!(document["schema"], "retina.error/1");
         assert!(error.contains("sky.bsp") && error.contains(said), "{error}");
     }
     let high = navigate(&dir, &["--limb-height-m", "1e9"]);

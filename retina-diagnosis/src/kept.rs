@@ -22,6 +22,9 @@ pub struct KeptEffect {
     pub p_value: f64,
 }
 
+/// A kept formula: its file, and what it says.
+pub type KeptFormula = (PathBuf, AddedEffect);
+
 /// Level at which a kept formula is taken.
 const LEVEL: f64 = 0.01;
 /// Most kept formulas that join a model.
@@ -32,10 +35,7 @@ const MOST: usize = 4;
 ///
 /// # Errors
 /// The folder cannot be read, or holds no formula.
-pub fn kept_effects(
-    folder: &Path,
-    data: &Dataset,
-) -> Result<(Vec<(PathBuf, AddedEffect)>, Vec<String>), InputError> {
+pub fn kept_effects(folder: &Path, data: &Dataset) -> Result<(Vec<KeptFormula>, Vec<String>), InputError> {
     let entries = std::fs::read_dir(folder).map_err(|error| {
         InputError::new("--catalogue", format!("the folder cannot be read: {error}"))
             .found(folder.display().to_string())
@@ -71,7 +71,7 @@ pub fn kept_effects(
 pub fn diagnose_with_kept(
     data: &Dataset,
     added: &[AddedEffect],
-    kept: &[(PathBuf, AddedEffect)],
+    kept: &[KeptFormula],
     options: &DiagnoseOptions,
 ) -> (Diagnosis, Vec<AddedEffect>) {
     let mut model = added.to_vec();
@@ -105,7 +105,7 @@ fn best(
     data: &Dataset,
     model: &[AddedEffect],
     found: &Diagnosis,
-    kept: &[(PathBuf, AddedEffect)],
+    kept: &[KeptFormula],
     taken: &[KeptEffect],
     options: &DiagnoseOptions,
 ) -> Option<(usize, f64)> {

@@ -65,7 +65,7 @@ pub use fit::{Fit, fit};
 pub use formula::unit_of_column;
 pub use headline::headline;
 pub use json::{compare_json, diagnose_json, effects_json, fit_json};
-pub use kept::{KeptEffect, diagnose_with_kept, kept_effects};
+pub use kept::{KeptEffect, KeptFormula, diagnose_with_kept, kept_effects};
 pub use model_file::write_model;
 pub use next::NextMeasurement;
 pub use output::{compare_text, diagnose_text, effects_text, fit_text, predictions_text, write_predictions};

@@ -35,6 +35,8 @@
 //! **Navigation** ([`navigation`]) finds attitude and position in the camera's images: `examples/detect_and_solve.rs`.
 //! [`experiments`] repeats the paper's experiments end to end.
 //!
+//! **Files** of all kinds are recognised and read by [`check`], without any work done.
+//!
 //! # Conventions
 //!
 //! Pixels have x to the right and y down; pixel (0, 0) covers [0, 1) x [0, 1). The camera looks along +z. Lengths and
@@ -45,7 +47,9 @@
 //!
 //! `gpu` (default): rendering by wgpu. Without it the CPU renderer is left and wgpu is not compiled.
 
+pub mod check;
 pub mod decision;
+pub mod starting;
 pub mod workbench;
 
 pub use retina_assets as assets;

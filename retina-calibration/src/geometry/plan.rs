@@ -38,8 +38,10 @@ pub struct MeasurementPlan {
 /// File of the exposures.
 pub const PLAN_FILE: &str = "plan.csv";
 
+type Fits = fn(f64) -> bool;
+
 /// What a column's values may be.
-const BOUNDS: [(&str, fn(f64) -> bool, &str); 4] = [
+const BOUNDS: [(&str, Fits, &str); 4] = [
     ("exposure_s", |value| value > 0.0 && value <= 86_400.0, "more than 0, at most a day"),
     ("temperature_c", |value| (-150.0..=150.0).contains(&value), "-150 to 150"),
     ("camera_roll_deg", |value| value.abs() <= 360.0, "-360 to 360"),

@@ -180,7 +180,12 @@ pub fn assert_refused(output: &Output, words: &[&str]) {
     for word in words {
         assert!(text.contains(word), "`{word}` is not in:\n{text}");
     }
-    assert!(output.stdout.is_empty());
+    // Under --json the error is a document, too.
+    if !output.stdout.is_empty() {
+        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(document["schema"], "retina.error/1", "{document}");
+        assert_eq!(document["exit_code"], 2);
+    }
 }
 
 /// Every file of a folder by its path in it; the manifest's lines are sorted, as frames may finish
