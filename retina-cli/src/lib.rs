@@ -36,6 +36,8 @@ enum Command {
     Status(command::cluster::status::Arguments),
     /// Joins the shards of a scene into one folder, every file held to its hash.
     Merge(command::cluster::merge::Arguments),
+    /// Writes frames as a data set that others read: SPEED+, BOP, WebDataset, COCO, FITS.
+    Export(command::export::Arguments),
     /// Renders poses received over the network, by CORTO's closed-loop protocol.
     Serve(command::serve::Arguments),
     /// Resamples an image through the facility's distortion.
@@ -113,6 +115,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Plan(arguments) => command::cluster::plan::run(&arguments),
         Command::Status(arguments) => command::cluster::status::run(&arguments),
         Command::Merge(arguments) => command::cluster::merge::run(&arguments),
+        Command::Export(arguments) => command::export::run(&arguments),
         Command::Serve(arguments) => command::serve::run(&arguments),
         Command::Warp(arguments) => command::warp::run(arguments),
         Command::Pattern(arguments) => command::pattern::run(&arguments),

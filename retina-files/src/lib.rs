@@ -6,10 +6,12 @@
 //!   file names its schema.
 //! - [`Table`]: CSV with a header row and `#` comments, cells read by column name.
 //! - [`decode_image`]: PNG, TIFF and JPEG, within limits that are checked first.
+//! - [`FitsHeader`]: headers of FITS files.
 //! - [`write_atomic`]: a file exists whole or not at all.
 //! - [`hash_bytes`], [`hash_file`]: BLAKE3, for manifests.
 
 mod error;
+mod fits;
 mod picture;
 mod shorten;
 mod table;
@@ -17,6 +19,7 @@ mod toml_file;
 mod write;
 
 pub use error::{InputError, Place, Snippet};
+pub use fits::FitsHeader;
 pub use picture::{MOST_IMAGE_PIXELS, decode_image};
 pub use table::Table;
 pub use toml_file::{nearest, parse_schema, parse_toml, read_schema, read_toml};

@@ -61,6 +61,7 @@ pub use retina_cluster as cluster;
 pub use retina_corto as corto;
 pub use retina_diagnosis as diagnosis;
 pub use retina_experiments as experiments;
+pub use retina_export as export;
 pub use retina_files as files;
 pub use retina_formats as formats;
 pub use retina_frames as frames;

@@ -11,6 +11,7 @@ pub(crate) mod decide;
 pub(crate) mod diagnose;
 pub(crate) mod doctor;
 pub(crate) mod effects;
+pub(crate) mod export;
 pub(crate) mod fit;
 pub(crate) mod import;
 pub(crate) mod investigate;

@@ -4,15 +4,14 @@ use faer::Mat;
 use faer::linalg::solvers::SolveLstsq as _;
 use glam::{DMat2, DVec2, DVec3};
 
+use retina_files::FitsHeader;
+
 use crate::image::ImageResult;
 
 /// Order of the polynomials: k1 to k3 and decentring within a thousandth of a pixel over fields of 20 deg.
 const ORDER: usize = 5;
 /// Places along each side of the image through which polynomials are laid.
 const PLACES: usize = 33;
-/// Bytes of a card and of a block (FITS standard 4.0, section 3).
-const CARD_BYTES: usize = 80;
-const BLOCK_BYTES: usize = 2880;
 
 /// A FITS file of a header alone, whose world coordinates are those of the image: rows from the top, as `retina` reads
 /// FITS. `None` where the image is not solved, or its distortion has no inverse.
@@ -50,41 +49,34 @@ pub fn wcs_header(result: &ImageResult) -> Option<Vec<u8>> {
     let deg = linear.to_cols_array().map(f64::to_degrees);
     // The tangent point is the boresight; its pixel is where the plane's origin falls.
     let reference = centre - back * origin;
-    let mut cards = vec![
-        logical("SIMPLE", true),
-        integer("BITPIX", 8),
-        integer("NAXIS", 0),
-        integer("WCSAXES", 2),
-        integer("IMAGEW", i64::from(pinhole.width_px)),
-        integer("IMAGEH", i64::from(pinhole.height_px)),
-        text("CTYPE1", "RA---TAN-SIP"),
-        text("CTYPE2", "DEC--TAN-SIP"),
-        text("CUNIT1", "deg"),
-        text("CUNIT2", "deg"),
-        text("RADESYS", "ICRS"),
-        real("CRVAL1", ra.to_degrees()),
-        real("CRVAL2", dec.to_degrees()),
+    let mut header = FitsHeader::of_array(8, &[]);
+    header
+        .integer("WCSAXES", 2)
+        .integer("IMAGEW", i64::from(pinhole.width_px))
+        .integer("IMAGEH", i64::from(pinhole.height_px))
+        .text("CTYPE1", "RA---TAN-SIP")
+        .text("CTYPE2", "DEC--TAN-SIP")
+        .text("CUNIT1", "deg")
+        .text("CUNIT2", "deg")
+        .text("RADESYS", "ICRS")
+        .real("CRVAL1", ra.to_degrees())
+        .real("CRVAL2", dec.to_degrees())
         // FITS counts the centre of the first pixel as 1.
-        real("CRPIX1", reference.x + 0.5),
-        real("CRPIX2", reference.y + 0.5),
-        real("CD1_1", deg[0]),
-        real("CD1_2", deg[2]),
-        real("CD2_1", deg[1]),
-        real("CD2_2", deg[3]),
-    ];
+        .real("CRPIX1", reference.x + 0.5)
+        .real("CRPIX2", reference.y + 0.5)
+        .real("CD1_1", deg[0])
+        .real("CD1_2", deg[2])
+        .real("CD2_1", deg[1])
+        .real("CD2_2", deg[3]);
     for (letters, [x, y]) in [(["A", "B"], forward), (["AP", "BP"], inverse)] {
         for (letter, terms) in letters.into_iter().zip([x, y]) {
-            cards.push(integer(&format!("{letter}_ORDER"), ORDER as i64));
+            header.integer(&format!("{letter}_ORDER"), ORDER as i64);
             for ((i, j), value) in powers().zip(terms) {
-                cards.push(real(&format!("{letter}_{i}_{j}"), value));
+                header.real(&format!("{letter}_{i}_{j}"), value);
             }
         }
     }
-    let mut bytes: Vec<u8> =
-        cards.iter().flat_map(|card| format!("{card:<CARD_BYTES$}").into_bytes()).collect();
-    bytes.extend(format!("{:<CARD_BYTES$}", "END").into_bytes());
-    bytes.resize(bytes.len().div_ceil(BLOCK_BYTES) * BLOCK_BYTES, b' ');
-    Some(bytes)
+    Some(header.bytes())
 }
 
 /// Powers of u and v: orders 0 to [`ORDER`].
@@ -106,20 +98,4 @@ fn polynomials(places: impl Iterator<Item = (DVec2, DVec2)>, scale_px: f64) -> [
     [0, 1].map(|axis| {
         all.iter().enumerate().map(|(k, (i, j))| found[(k, axis)] / scale_px.powi((i + j) as i32)).collect()
     })
-}
-
-fn logical(key: &str, value: bool) -> String {
-    format!("{key:<8}= {:>20}", if value { "T" } else { "F" })
-}
-
-fn integer(key: &str, value: i64) -> String {
-    format!("{key:<8}= {value:>20}")
-}
-
-fn real(key: &str, value: f64) -> String {
-    format!("{key:<8}= {:>20}", format!("{value:.13E}"))
-}
-
-fn text(key: &str, value: &str) -> String {
-    format!("{key:<8}= '{value:<8}'")
 }
