@@ -9,12 +9,14 @@ use super::Checked;
 use super::toml_file::lenses;
 
 /// Documents that RETINA writes, and what they are.
-const DOCUMENTS: [(&str, &str); 22] = [
+const DOCUMENTS: [(&str, &str); 24] = [
     ("retina.batch/1", "record of a folder of frames"),
     ("retina.manifest/1", "manifest of frames"),
     ("retina.truth/1", "truth of a frame"),
     ("retina.plan/1", "plan of shards"),
     ("retina.status/1", "status of a campaign"),
+    ("retina.export/1", "record of a data set"),
+    ("retina.error/1", "error"),
     ("retina.campaign/1", "record of a measurement campaign on the bench"),
     ("retina.compare/1", "comparison of a model with measurements"),
     ("retina.diagnosis/1", "diagnosis"),
