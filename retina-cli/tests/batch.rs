@@ -153,3 +153,74 @@ fn the_sheet_is_made_and_made_again() {
     assert_done(&common::retina().arg("sheet").arg(fixture.path("out")).output().unwrap());
     assert_eq!(fs::read(&sheet).unwrap(), bytes);
 }
+
+#[test]
+fn trajectories_about_a_body_are_generated() {
+    let fixture = Fixture::new();
+    let generated = |table: &str| {
+        let text = common::SCENE.replace("trajectory = \"poses.csv\"", &format!("trajectory = {table}"));
+        fixture.write("scene.toml", &text);
+    };
+    for (number, (table, phases)) in [
+        (r#"{ kind = "phase-sweep", frames = 3, distance_m = 22500, phases_deg = [0, 90] }"#, [0.0, 45.0, 90.0]),
+        (r#"{ kind = "approach", frames = 3, distances_m = [60e3, 20e3], phase_deg = 30 }"#, [30.0; 3]),
+        (r#"{ kind = "orbit", frames = 3, step_s = 60, distance_m = 22500, period_h = 0.1, normal = [1, 0, 0] }"#, [90.0; 3]),
+        (r#"{ kind = "flyby", frames = 3, closest_m = 20e3, speed_m_s = 1e-6, phase_deg = 60 }"#, [60.0; 3]),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        generated(table);
+        let out = format!("out{number}");
+        assert_done(&fixture.render(&out, &[]));
+        for (frame, phase) in phases.into_iter().enumerate() {
+            let path = fixture.path(&format!("{out}/truth/{frame:06}.json"));
+            let truth: serde_json::Value = serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap();
+            let rock = &truth["bodies"]["rock"];
+            assert!((rock["phase_deg"].as_f64().unwrap() - phase).abs() < 1e-4, "{table}: {rock}");
+            let centre = rock["center_px"][0].as_f64().unwrap();
+            assert!((centre - 80.0).abs() < 1e-6, "{table}: {centre}");
+        }
+    }
+    // Written as a table, the same frames come of it.
+    let table = fixture.path("own.csv");
+    let mut command = common::retina();
+    assert_done(
+        &command
+            .args(["trajectory", "--scene"])
+            .arg(fixture.path("scene.toml"))
+            .arg("--out")
+            .arg(&table)
+            .output()
+            .unwrap(),
+    );
+    generated("\"own.csv\"");
+    assert_done(&fixture.render("table", &[]));
+    assert_eq!(
+        fs::read(fixture.path("table/frames/000001.png")).unwrap(),
+        fs::read(fixture.path("out3/frames/000001.png")).unwrap()
+    );
+    for (table, words) in [
+        (r#"{ kind = "orbit", frames = 3, distance_m = 1e4 }"#, ["period_h", "needs a key"]),
+        (r#"{ kind = "flyby", frames = 3, closest_m = -1, speed_m_s = 1 }"#, ["closest_m", "-1"]),
+        (
+            r#"{ kind = "approach", frames = 3, distances_m = [1e5, 1e4], jacobi = 3 }"#,
+            ["jacobi", "no such key"],
+        ),
+        (
+            r#"{ kind = "phase-sweep", frames = 3, distance_m = 1e5, phases_deg = [0, 200] }"#,
+            ["phases_deg", "200"],
+        ),
+        (
+            r#"{ kind = "phase-sweep", frames = 3, distance_m = 1e5, normal = [0, 0, 0] }"#,
+            ["normal", "no length"],
+        ),
+        (
+            r#"{ kind = "orbit", frames = 3, distance_m = 1e4, period_h = 1, spin = { period_h = 0 } }"#,
+            ["spin.period_h", "not 0"],
+        ),
+    ] {
+        generated(table);
+        common::assert_refused(&fixture.render("bad", &[]), &words);
+    }
+}

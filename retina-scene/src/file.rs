@@ -67,6 +67,37 @@ pub(crate) struct GeneratedTable {
     pub(crate) least_sun_angle_deg: Option<f64>,
     pub(crate) planets: Option<Vec<String>>,
     pub(crate) seed: Option<u64>,
+    // About one body; `epoch` and `step_s` as above.
+    pub(crate) distance_m: Option<f64>,
+    pub(crate) distances_m: Option<[f64; 2]>,
+    pub(crate) closest_m: Option<f64>,
+    pub(crate) speed_m_s: Option<f64>,
+    pub(crate) period_h: Option<f64>,
+    pub(crate) start_deg: Option<f64>,
+    pub(crate) phase_deg: Option<f64>,
+    pub(crate) phases_deg: Option<[f64; 2]>,
+    pub(crate) direction: Option<[f64; 3]>,
+    pub(crate) normal: Option<[f64; 3]>,
+    pub(crate) sun_direction: Option<[f64; 3]>,
+    pub(crate) sun_distance_au: Option<f64>,
+    pub(crate) spin: Option<SpinTable>,
+}
+
+/// A body's steady rotation.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SpinTable {
+    pub(crate) period_h: f64,
+    #[serde(default)]
+    pub(crate) pole_ra_deg: f64,
+    #[serde(default = "north")]
+    pub(crate) pole_dec_deg: f64,
+    #[serde(default)]
+    pub(crate) w_deg: f64,
+}
+
+fn north() -> f64 {
+    90.0
 }
 
 /// What generates a trajectory.
@@ -75,6 +106,115 @@ pub(crate) struct GeneratedTable {
 pub(crate) enum GeneratorKind {
     LumioHalo,
     DeepSpace,
+    Orbit,
+    Flyby,
+    PhaseSweep,
+    Approach,
+}
+
+impl GeneratorKind {
+    /// As it stands in the file.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::LumioHalo => "lumio-halo",
+            Self::DeepSpace => "deep-space",
+            Self::Orbit => "orbit",
+            Self::Flyby => "flyby",
+            Self::PhaseSweep => "phase-sweep",
+            Self::Approach => "approach",
+        }
+    }
+
+    /// The keys that it has beside `kind` and `frames`.
+    pub(crate) fn keys(self) -> &'static [&'static str] {
+        match self {
+            Self::LumioHalo => &["epoch", "step_s", "jacobi", "centred"],
+            Self::DeepSpace => &[
+                "from",
+                "until",
+                "distance_au",
+                "greatest_latitude_deg",
+                "least_sun_angle_deg",
+                "planets",
+                "seed",
+            ],
+            Self::Orbit => &[
+                "epoch",
+                "step_s",
+                "distance_m",
+                "period_h",
+                "start_deg",
+                "normal",
+                "sun_direction",
+                "sun_distance_au",
+                "spin",
+            ],
+            Self::Flyby => &[
+                "epoch",
+                "step_s",
+                "closest_m",
+                "speed_m_s",
+                "phase_deg",
+                "direction",
+                "normal",
+                "sun_direction",
+                "sun_distance_au",
+                "spin",
+            ],
+            Self::PhaseSweep => &[
+                "epoch",
+                "step_s",
+                "distance_m",
+                "phases_deg",
+                "normal",
+                "sun_direction",
+                "sun_distance_au",
+                "spin",
+            ],
+            Self::Approach => &[
+                "epoch",
+                "step_s",
+                "distances_m",
+                "phase_deg",
+                "normal",
+                "sun_direction",
+                "sun_distance_au",
+                "spin",
+            ],
+        }
+    }
+}
+
+impl GeneratedTable {
+    /// All keys but `kind` and `frames`, and whether they are given.
+    pub(crate) fn given(&self) -> [(&'static str, bool); 24] {
+        [
+            ("epoch", self.epoch.is_some()),
+            ("step_s", self.step_s.is_some()),
+            ("jacobi", self.jacobi.is_some()),
+            ("centred", self.centred.is_some()),
+            ("from", self.from.is_some()),
+            ("until", self.until.is_some()),
+            ("distance_au", self.distance_au.is_some()),
+            ("greatest_latitude_deg", self.greatest_latitude_deg.is_some()),
+            ("least_sun_angle_deg", self.least_sun_angle_deg.is_some()),
+            ("planets", self.planets.is_some()),
+            ("seed", self.seed.is_some()),
+            ("distance_m", self.distance_m.is_some()),
+            ("distances_m", self.distances_m.is_some()),
+            ("closest_m", self.closest_m.is_some()),
+            ("speed_m_s", self.speed_m_s.is_some()),
+            ("period_h", self.period_h.is_some()),
+            ("start_deg", self.start_deg.is_some()),
+            ("phase_deg", self.phase_deg.is_some()),
+            ("phases_deg", self.phases_deg.is_some()),
+            ("direction", self.direction.is_some()),
+            ("normal", self.normal.is_some()),
+            ("sun_direction", self.sun_direction.is_some()),
+            ("sun_distance_au", self.sun_distance_au.is_some()),
+            ("spin", self.spin.is_some()),
+        ]
+    }
 }
 
 /// `[ephemeris]`.

@@ -14,6 +14,7 @@ mod file;
 mod flashes;
 mod frame;
 mod inside;
+mod near_body;
 mod occult;
 mod photometry;
 mod photometry_table;

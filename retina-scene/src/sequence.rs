@@ -12,6 +12,7 @@ use retina_sky::planets::Planet;
 use retina_sky::time::parse_epoch;
 
 use crate::file::{GeneratedTable, GeneratorKind, SceneFile, TrajectoryKey};
+use crate::near_body::near_body;
 
 /// The trajectory and the hash of its table's text.
 pub(crate) fn trajectory(
@@ -41,6 +42,12 @@ pub(crate) fn trajectory(
                     if file.stars.is_some() { barycentric(scene, halo, ephemeris)? } else { halo }
                 }
                 GeneratorKind::DeepSpace => deep_space(scene, file, table, setup, ephemeris)?,
+                GeneratorKind::Orbit
+                | GeneratorKind::Flyby
+                | GeneratorKind::PhaseSweep
+                | GeneratorKind::Approach => {
+                    near_body(scene, table, bodies, file.stars.as_ref().map(|_| ephemeris))?
+                }
             };
             trajectory.source = scene.to_path_buf();
             let hash = hash_bytes(trajectory.to_csv().as_bytes());
@@ -51,35 +58,20 @@ pub(crate) fn trajectory(
 
 /// Each kind has its own keys.
 fn check_keys(scene: &Path, table: &GeneratedTable) -> Result<(), InputError> {
-    let halo = [
-        ("epoch", table.epoch.is_some()),
-        ("step_s", table.step_s.is_some()),
-        ("jacobi", table.jacobi.is_some()),
-        ("centred", table.centred.is_some()),
-    ];
-    let deep_space = [
-        ("from", table.from.is_some()),
-        ("until", table.until.is_some()),
-        ("distance_au", table.distance_au.is_some()),
-        ("greatest_latitude_deg", table.greatest_latitude_deg.is_some()),
-        ("least_sun_angle_deg", table.least_sun_angle_deg.is_some()),
-        ("planets", table.planets.is_some()),
-        ("seed", table.seed.is_some()),
-    ];
-    let (kind, foreign): (_, &[(&str, bool)]) = match table.kind {
-        GeneratorKind::LumioHalo => ("lumio-halo", &deep_space),
-        GeneratorKind::DeepSpace => ("deep-space", &halo),
-    };
-    match foreign.iter().find(|(_, given)| *given) {
+    let known = table.kind.keys();
+    match table.given().iter().find(|(key, given)| *given && !known.contains(key)) {
         None => Ok(()),
-        Some((key, _)) => Err(InputError::new(scene, format!("the trajectory `{kind}` has no such key"))
-            .at(format!("key `trajectory.{key}`"))
-            .help("remove the key")),
+        Some((key, _)) => {
+            Err(InputError::new(scene, format!("the trajectory `{}` has no such key", table.kind.name()))
+                .at(format!("key `trajectory.{key}`"))
+                .expected(format!("frames, {}", known.join(", ")))
+                .help("remove the key"))
+        }
     }
 }
 
 /// An epoch of a key.
-fn epoch_s(scene: &Path, key: &str, text: &str) -> Result<f64, InputError> {
+pub(crate) fn epoch_s(scene: &Path, key: &str, text: &str) -> Result<f64, InputError> {
     parse_epoch(text).map_err(|error| {
         InputError::new(scene, error.to_string())
             .at(format!("key `trajectory.{key}`"))

@@ -21,7 +21,7 @@ use crate::cr3bp::{self, MU, TOLERANCE, dynamics, southern_l2_halo};
 use crate::ephemeris::{Ephemeris, EphemerisError};
 use crate::ode::integrate;
 use crate::orientation::RotationalElements;
-use crate::trajectory::{BodyPose, FramePose, Trajectory};
+use crate::trajectory::{BodyPose, FramePose, Trajectory, look_at};
 
 /// Mean motion of the Moon: a turn in a sidereal month of 27.321661 days.
 const MEAN_MOTION_RAD_S: f64 = TAU / (27.321_661 * DAY_S);
@@ -228,7 +228,7 @@ fn frame_pose(
     let position_m = pulsating * from_moon;
     let moon_from_inertial = RotationalElements::moon(tdb_s).body_from_inertial();
     let bodies = ephemeris.solar_system(tdb_s)?;
-    let camera_from_inertial = look_at_origin(position_m, moon_from_inertial.inverse() * DVec3::Z);
+    let camera_from_inertial = look_at(-position_m, moon_from_inertial.inverse() * DVec3::Z);
     Ok(FramePose {
         time_s: tdb_s,
         camera_position_m: position_m,
@@ -254,15 +254,6 @@ fn pulsating_frame(ephemeris: &Ephemeris, tdb_s: f64) -> Result<DMat3, Ephemeris
     let x = moon.position_m / distance_m;
     let z = moon.position_m.cross(moon.velocity_m_s).normalize();
     Ok(DMat3::from_cols(x, z.cross(x), z) * distance_m)
-}
-
-/// The attitude of a camera at `position_m` that looks at the origin with `north` up in the image.
-fn look_at_origin(position_m: DVec3, north: DVec3) -> DQuat {
-    let boresight = -position_m.normalize();
-    // On the pole's axis any up will do.
-    let right = boresight.cross(north).try_normalize().unwrap_or_else(|| boresight.any_orthonormal_vector());
-    let down = boresight.cross(right);
-    DQuat::from_mat3(&DMat3::from_cols(right, down, boresight)).inverse().normalize()
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 //! - [`planets`]: planets and the Moon as a camera sees them; [`magnitude`]: how bright they are.
 //! - [`deep_space`]: random poses among the planets.
 //! - [`site`]: places on the Earth, and cameras there.
+//! - [`near_body`]: orbits, flybys, phase sweeps and approaches about one body.
 //! - [`halo`]: a LUMIO-like quasi-halo about the Earth-Moon L2 point.
 //!
 //! Lengths are metres, times TDB seconds since J2000, angles radians; inertial axes are ICRF.
@@ -20,6 +21,7 @@ pub mod deep_space;
 pub mod ephemeris;
 pub mod halo;
 pub mod magnitude;
+pub mod near_body;
 pub mod observer;
 mod ode;
 pub mod orientation;

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use retina_files::{InputError, Table, nearest, read_text};
 
 /// How far a quaternion's norm may be off 1 before it is taken for a mistake.
@@ -49,6 +49,15 @@ pub struct BodyColumns {
     pub position: bool,
     /// Its orientation.
     pub orientation: bool,
+}
+
+/// The attitude of a camera that looks along `towards` with `up` up in its image.
+pub(crate) fn look_at(towards: DVec3, up: DVec3) -> DQuat {
+    let boresight = towards.normalize();
+    // On the axis itself any up will do.
+    let right = boresight.cross(up).try_normalize().unwrap_or_else(|| boresight.any_orthonormal_vector());
+    let down = boresight.cross(right);
+    DQuat::from_mat3(&DMat3::from_cols(right, down, boresight)).inverse().normalize()
 }
 
 /// A sequence of frames.

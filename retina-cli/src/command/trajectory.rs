@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, write_atomic};
+use retina_scene::Scene;
 use retina_sky::Trajectory;
 use retina_sky::deep_space::DeepSpace;
 use retina_sky::ephemeris::Ephemeris;
@@ -58,6 +59,16 @@ pub(crate) struct Arguments {
     /// used.
     #[arg(long, value_name = "FILE.bsp")]
     ephemeris: Vec<PathBuf>,
+    /// Scene whose trajectory is written as a table, whatever generates it; takes the place of --kind.
+    #[arg(
+        long,
+        value_name = "SCENE.toml",
+        conflicts_with_all = [
+            "kind", "epoch", "frames", "step_s", "jacobi", "seed", "latitude_deg", "longitude_deg", "altitude_m",
+            "target", "ephemeris",
+        ]
+    )]
+    scene: Option<PathBuf>,
     /// Table to write (CSV).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -81,6 +92,9 @@ enum Kind {
 
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     crate::check_file(&arguments.out, "csv")?;
+    if let Some(scene) = &arguments.scene {
+        return of_scene(scene, &arguments);
+    }
     if !arguments.step_s.is_finite() || arguments.step_s <= 0.0 {
         return Err(InputError::new("--step-s", "is out of range")
             .found(arguments.step_s)
@@ -128,6 +142,25 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
 fn write(out: &Path, text: &str) -> Result<(), Failure> {
     write_atomic(out, text.as_bytes())
         .map_err(|error| Failure::new(format!("{} cannot be written: {error}", out.display())))
+}
+
+/// A scene's own trajectory.
+fn of_scene(scene: &Path, arguments: &Arguments) -> Result<(), Failure> {
+    let trajectory = Scene::read(scene)?.trajectory;
+    let name = scene.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let text =
+        format!("# retina.trajectory/1: of {}\n{}", name.replace(['\n', '\r'], " "), trajectory.to_csv());
+    write_atomic(&arguments.out, text.as_bytes())
+        .map_err(|error| InputError::new(&arguments.out, format!("cannot be written: {error}")))?;
+    tell!("{} frames written to {}", trajectory.frames.len(), arguments.out.display());
+    if arguments.json {
+        print_json(&json!({
+            "schema": "retina.trajectory-summary/1",
+            "out": arguments.out,
+            "frames": trajectory.frames.len(),
+        }))?;
+    }
+    Ok(())
 }
 
 fn deep_space(arguments: &Arguments, ephemeris: &Ephemeris, frames: usize) -> Result<(), Failure> {
