@@ -121,7 +121,10 @@ pub fn decision_text(outcome: &Outcome) -> Vec<String> {
     }
     if let Some(folder) = &outcome.waiting {
         out.push(String::new());
-        out.push(format!("Planned, and not measured yet: {}", folder.display()));
+        out.push(format!(
+            "Planned, and not measured yet: {}. Options of plans count from the next round on.",
+            folder.display()
+        ));
         out.push(how_to_go_on(folder));
     }
     out.extend(outcome.notes.iter().map(|note| format!("note: {note}")));
