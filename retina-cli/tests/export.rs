@@ -81,7 +81,7 @@ fn every_format_has_all_frames_and_the_same_bytes_again() {
     // BOP counts pixels from the first one's centre, and lengths in mm.
     assert_eq!(document(&fixture, "bop/camera.json")["cx"], 79.5);
     let header = fs::read(fixture.path("fits/000000.fits")).unwrap();
-    assert!(header.starts_with(b"SIMPLE  =                    T") && header.len() % 2880 == 0);
+    assert!(header.starts_with(b"SIMPLE  =                    T") && header.len().is_multiple_of(2880));
     // Longer sequences keep the split.
     let names = |of: &Fixture| -> Vec<String> {
         let list = document(of, "speedplus/synthetic/validation.json");

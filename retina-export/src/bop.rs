@@ -2,12 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use glam::DVec3;
 use retina_batch::BatchError;
 use serde_json::{Map, Value, json};
 
 use crate::export::Writer;
-use crate::frames::{BodyTruth, Camera, Frame, LimbEllipse};
+use crate::frames::{Camera, Frame, LimbEllipse, Seen};
 use crate::out::Out;
 
 /// Frames of a scene's folder.
@@ -43,11 +42,8 @@ impl Writer for Bop {
             self.bodies.insert(name.clone(), body.reference_semi_axes_m);
             self.names.insert(name.clone());
         }
-        let silhouettes = frame.silhouettes();
         let (mut poses, mut seen) = (Vec::new(), Vec::new());
-        for (at, (name, body, whole)) in silhouettes.iter().enumerate() {
-            let nearer = silhouettes.iter().filter(|(_, other, _)| distance(other) < distance(body));
-            let visible = nearer.fold(whole.clone(), |left, (_, _, other)| left.without(other));
+        for (at, Seen { name, body, whole, visible }) in frame.seen().iter().enumerate() {
             out.write(&format!("{folder}/mask/{number:06}_{at:06}.png"), &whole.png()?)?;
             out.write(&format!("{folder}/mask_visib/{number:06}_{at:06}.png"), &visible.png()?)?;
             poses.push(json!({
@@ -113,10 +109,6 @@ impl Bop {
     fn number_of(&self, name: &str) -> usize {
         1 + self.names.iter().position(|own| own == name).unwrap_or(0)
     }
-}
-
-fn distance(body: &BodyTruth) -> f64 {
-    DVec3::from_array(body.position_camera_m).length()
 }
 
 /// The box about an ellipse, also beyond the image: x, y, width, height, from the centre of the first pixel.

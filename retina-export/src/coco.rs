@@ -6,7 +6,7 @@ use retina_batch::BatchError;
 use serde_json::{Value, json};
 
 use crate::export::Writer;
-use crate::frames::{Frame, KEYPOINTS, keypoints};
+use crate::frames::{Frame, KEYPOINTS, Seen, keypoints};
 use crate::out::Out;
 
 #[derive(Default)]
@@ -53,7 +53,7 @@ impl Writer for Coco {
             "camera": { "fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy },
             "camera_from_inertial": frame.truth.camera_from_inertial,
         }));
-        for (at, (name, body, silhouette)) in frame.silhouettes().iter().enumerate() {
+        for (at, Seen { name, body, visible: silhouette, .. }) in frame.seen().iter().enumerate() {
             let Some(bounds) = silhouette.bounds() else { continue };
             let points = keypoints(body, camera);
             part.annotations.push(json!({

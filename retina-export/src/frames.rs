@@ -42,6 +42,10 @@ pub(crate) struct BodyTruth {
 }
 
 impl BodyTruth {
+    fn distance_m(&self) -> f64 {
+        DVec3::from_array(self.position_camera_m).length()
+    }
+
     pub(crate) fn rotation(&self) -> DMat3 {
         let [w, x, y, z] = self.camera_from_body;
         DMat3::from_quat(DQuat::from_xyzw(x, y, z, w))
@@ -57,6 +61,16 @@ pub(crate) struct Truth {
     pub(crate) bodies: BTreeMap<String, BodyTruth>,
 }
 
+/// A body in a frame.
+pub(crate) struct Seen<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) body: &'a BodyTruth,
+    /// All that it would cover alone.
+    pub(crate) whole: Silhouette,
+    /// What no nearer body hides.
+    pub(crate) visible: Silhouette,
+}
+
 /// A frame with all that is exported of it.
 pub(crate) struct Frame {
     pub(crate) index: usize,
@@ -70,9 +84,9 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// Which pixels each visible body covers, in the order of their names: of one body alone the mask that was rendered, else
-    /// the ellipse of its reference figure.
-    pub(crate) fn silhouettes(&self) -> Vec<(&str, &BodyTruth, Silhouette)> {
+    /// Which pixels each body in view covers, in the order of their names: of one body alone the mask that was rendered,
+    /// else the ellipse of its reference figure.
+    pub(crate) fn seen(&self) -> Vec<Seen<'_>> {
         let camera = &self.truth.image_px;
         let size = [camera.width as usize, camera.height as usize];
         let rendered = self.planes.as_ref().and_then(|planes| {
@@ -81,7 +95,8 @@ impl Frame {
                 .then(|| Silhouette::of_mask(size, mask))
         });
         let one = self.truth.bodies.len() == 1;
-        self.truth
+        let whole: Vec<(&str, &BodyTruth, Silhouette)> = self
+            .truth
             .bodies
             .iter()
             .filter_map(|(name, body)| {
@@ -91,6 +106,14 @@ impl Frame {
                     _ => Silhouette::of_ellipse(size, limb),
                 };
                 Some((name.as_str(), body, own))
+            })
+            .collect();
+        whole
+            .iter()
+            .map(|(name, body, own)| {
+                let nearer = whole.iter().filter(|(_, other, _)| other.distance_m() < body.distance_m());
+                let visible = nearer.fold(own.clone(), |left, (_, _, other)| left.without(other));
+                Seen { name, body, whole: own.clone(), visible }
             })
             .collect()
     }

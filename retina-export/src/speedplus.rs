@@ -33,8 +33,8 @@ impl Writer for SpeedPlus {
         };
         self.camera = Some(frame.truth.image_px);
         out.write(&format!("synthetic/images/{name}"), &frame.png)?;
-        if let Some((_, _, silhouette)) = frame.silhouettes().first() {
-            out.write(&format!("synthetic/masks/{name}"), &silhouette.png()?)?;
+        if let Some(seen) = frame.seen().first() {
+            out.write(&format!("synthetic/masks/{name}"), &seen.visible.png()?)?;
         }
         self.lists[usize::from(is_validation)].push(json!({
             "filename": name,

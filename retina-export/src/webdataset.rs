@@ -8,7 +8,7 @@ use serde_json::json;
 use tar::{Builder, EntryType, Header};
 
 use crate::export::Writer;
-use crate::frames::{Frame, KEYPOINTS, keypoints};
+use crate::frames::{Frame, KEYPOINTS, Seen, keypoints};
 use crate::out::Out;
 
 const CHUNK: usize = 1000;
@@ -39,11 +39,11 @@ impl Writer for WebDataset {
             let file = File::create(&path).map_err(|source| BatchError::Write { path, source })?;
             self.shards.insert(part, Shard { number, samples: 0, builder: Builder::new(file) });
         }
-        let silhouettes = frame.silhouettes();
+        let seen = frame.seen();
         let mut document = frame.document.clone();
-        document["bodies_px"] = silhouettes
+        document["bodies_px"] = seen
             .iter()
-            .map(|(name, body, silhouette)| {
+            .map(|Seen { name, body, visible: silhouette, .. }| {
                 let points = keypoints(body, &frame.truth.image_px);
                 let points = KEYPOINTS
                     .iter()
@@ -62,8 +62,8 @@ impl Writer for WebDataset {
             ("png".to_owned(), frame.png.clone()),
             ("json".to_owned(), format!("{document}\n").into_bytes()),
         ];
-        for (name, _, silhouette) in &silhouettes {
-            files.push((format!("{name}.mask.png"), silhouette.png()?));
+        for Seen { name, visible, .. } in &seen {
+            files.push((format!("{name}.mask.png"), visible.png()?));
         }
         let Some(shard) = self.shards.get_mut(part) else { return Ok(()) };
         shard.samples += 1;

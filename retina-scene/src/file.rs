@@ -44,7 +44,7 @@ pub(crate) struct SceneFile {
 #[derive(Debug)]
 pub(crate) enum TrajectoryKey {
     Path(PathBuf),
-    Generated(GeneratedTable),
+    Generated(Box<GeneratedTable>),
 }
 
 /// A generated trajectory.
@@ -446,7 +446,8 @@ impl<'de> Deserialize<'de> for TrajectoryKey {
                 Ok(TrajectoryKey::Path(path.into()))
             }
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
-                GeneratedTable::deserialize(MapAccessDeserializer::new(map)).map(TrajectoryKey::Generated)
+                let table = GeneratedTable::deserialize(MapAccessDeserializer::new(map))?;
+                Ok(TrajectoryKey::Generated(Box::new(table)))
             }
         }
         deserializer.deserialize_any(Key)
