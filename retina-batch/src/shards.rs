@@ -66,8 +66,22 @@ pub fn merge_shards(
     partial: bool,
     observer: &mut dyn Observer,
 ) -> Result<Merged, BatchError> {
-    let (record, lines) = gather(folders)?;
-    let present: BTreeSet<usize> = lines.keys().copied().collect();
+    let (record, mut lines) = gather(folders)?;
+    if partial {
+        let torn: Vec<usize> = torn_files(&lines).into_iter().map(|(index, _)| index).collect();
+        lines.retain(|index, _| !torn.contains(index));
+    }
+    let mut present: BTreeSet<usize> = lines.keys().copied().collect();
+    // What an earlier merge brought in counts.
+    let wanted = |line: &ManifestLine| line.outputs.keys().cloned().collect::<Vec<_>>();
+    let earlier = Folder::at(out);
+    if let Some(found) = earlier.record()? {
+        earlier.check_same(&found, &record)?;
+        let there = earlier.manifest()?;
+        present.extend(
+            there.values().filter(|line| earlier.is_whole(line, &wanted(line))).map(|line| line.index),
+        );
+    }
     let missing: Vec<usize> = (0..record.frames).filter(|index| !present.contains(index)).collect();
     if !missing.is_empty() && !partial {
         return Err(InputError::new(out, "frames are missing")
@@ -77,10 +91,6 @@ pub fn merge_shards(
             .into());
     }
     check_files(&lines)?;
-    let target = Folder::at(out);
-    if let Some(found) = target.record()? {
-        target.check_same(&found, &record)?;
-    }
     let kinds: BTreeSet<String> = lines
         .values()
         .flat_map(|(_, line)| line.outputs.keys())
@@ -88,7 +98,6 @@ pub fn merge_shards(
         .collect();
     let target = Folder::open(out, &record, &kinds)?;
     let there = target.manifest()?;
-    let wanted = |line: &ManifestLine| line.outputs.keys().cloned().collect::<Vec<_>>();
     let to_do: Vec<(&PathBuf, &ManifestLine)> = lines
         .values()
         .filter(|(_, line)| there.get(&line.index) != Some(line) || !target.is_whole(line, &wanted(line)))
@@ -148,19 +157,25 @@ fn gather(folders: &[PathBuf]) -> Result<(Record, Lines<'_>), InputError> {
     Ok((record, lines))
 }
 
-/// Every file is there, with the content that its manifest says.
-fn check_files(lines: &Lines<'_>) -> Result<(), InputError> {
+/// Frames with a file that is not there as its manifest says, rising, and the file.
+fn torn_files(lines: &Lines<'_>) -> Vec<(usize, PathBuf)> {
     let mut torn: Vec<(usize, PathBuf)> = lines
         .par_iter()
         .filter_map(|(index, (dir, line))| Some((*index, Folder::at(dir).torn_file(line)?)))
         .collect();
     torn.sort();
+    torn
+}
+
+/// Every file is there, with the content that its manifest says.
+fn check_files(lines: &Lines<'_>) -> Result<(), InputError> {
+    let torn = torn_files(lines);
     match torn.first() {
         None => Ok(()),
         Some((index, file)) => Err(InputError::new(
             file,
             format!(
-                "is not what its manifest says; so are files of {} frames, the first is {index}",
+                "is missing, or is not what its manifest says; {} frames have such files, the first is frame {index}",
                 torn.len()
             ),
         )

@@ -75,11 +75,22 @@ fn the_shards_of_a_plan_are_one_run() {
     assert_eq!((again["frames_done"].as_u64(), again["frames_skipped"].as_u64()), (Some(0), Some(4)));
     assert_eq!(status(&own.join("merged"), &[])["complete"], true);
     assert_eq!(contents(&own.join("merged")), contents(&fixture.path("whole")));
+    // In two parts: what was joined before counts; a plan stands for its shards.
+    let shards = [0, 1, 2].map(|shard| own.join(format!("shards/{shard:05}")));
+    let parts = own.join("parts");
+    assert_done(&merge(&[&shards[0], &shards[1]], &parts, &["--partial"]));
+    assert_done(&merge(&[&shards[2]], &parts, &[]));
+    assert_done(&merge(&[&own], &own.join("by plan"), &[]));
+    for joined in [parts, own.join("by plan")] {
+        assert_eq!(contents(&joined), contents(&fixture.path("whole")));
+    }
     // A file that is not what its manifest says is not joined.
     let damaged = own.join("shards/00000/truth/000003.json");
     fs::remove_file(&damaged).unwrap();
     fs::write(&damaged, "another content").unwrap();
     assert_refused(&script(&own, "finish.sh", &[]), &["000003.json", "not what its manifest says"]);
+    let rest = json(&merge(&[&own], &own.join("rest"), &["--partial", "--json"]));
+    assert_eq!(rest["missing"], serde_json::json!([3]));
     assert_eq!(contents(&own.join("merged")), contents(&fixture.path("whole")));
 }
 

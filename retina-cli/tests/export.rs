@@ -109,7 +109,7 @@ fn what_cannot_be_exported_is_refused_and_leaves_nothing() {
     refused("nowhere", &["nowhere", "holds no frames"]);
     assert_done(&fixture.render("frames", &[]));
     fixture.write("frames/truth/000003.json", "{}");
-    refused("frames", &["000003.json", "not the truth of a frame"]);
+    refused("frames", &["frame 3", "not what its manifest says", "--resume"]);
     let share = retina()
         .arg("export")
         .arg(fixture.path("frames"))

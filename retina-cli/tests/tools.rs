@@ -74,10 +74,14 @@ fn every_asset_is_known_and_damage_is_seen() {
     fixture.write("table.csv", "a,b\n1,2\n");
     fixture.write("picture.png", "none");
     fixture.write("notes.md", "none");
+    fixture.write("truth.json", r#"{"schema": "retina.truth/1"}"#);
+    fixture.write("other.json", r#"{"schema": "retina.nonsense/9"}"#);
     for (name, words) in [
         ("scene.toml", ["trajektory", "did you mean `trajectory`?"]),
         ("table.csv", ["none of the known tables", "a, b"]),
         ("picture.png", ["picture.png", "convert the image"]),
+        ("truth.json", ["truth of a frame", "key `frame`"]),
+        ("other.json", ["retina.nonsense/9", "no document of RETINA"]),
         ("notes.md", ["`.md`", "no file that RETINA knows"]),
         ("nowhere.toml", ["nowhere.toml", "cannot be read"]),
     ] {

@@ -12,7 +12,7 @@ fn quoted(text: &str) -> String {
 /// A comment holds no line end, and paths have none.
 fn head(plan: &Plan) -> String {
     format!(
-        "retina=${{RETINA:-{command}}}\ncommand -v \"$retina\" >/dev/null 2>&1 || retina=retina\nexport RAYON_NUM_THREADS=\"${{RAYON_NUM_THREADS:-{cpus}}}\"\n",
+        "retina=${{RETINA:-{command}}}\ncommand -v \"$retina\" >/dev/null 2>&1 || {{ echo \"$retina is not there: retina of the PATH is taken\" >&2; retina=retina; }}\nexport RAYON_NUM_THREADS=\"${{RAYON_NUM_THREADS:-{cpus}}}\"\n",
         command = quoted(&plan.command),
         cpus = plan.cpus,
     )

@@ -51,12 +51,15 @@ impl Writer for Bop {
                 "cam_t_m2c": body.position_camera_m.map(|length| length * MM_PER_M),
                 "obj_id": self.number_of(name),
             }));
-            let (all, left) = (whole.area(), visible.area());
+            // What lies beyond the image counts, too.
+            let all =
+                body.limb_ellipse_px.as_ref().map_or(whole.area(), |limb| whole_area(limb, &c, whole.area()));
+            let left = visible.area();
             seen.push(json!({
                 "bbox_obj": body.limb_ellipse_px.as_ref().map_or([-1.0; 4], extent),
                 "bbox_visib": visible.bounds().map_or(json!([-1, -1, -1, -1]), |bounds| json!(bounds)),
                 "px_count_all": all,
-                "px_count_valid": all,
+                "px_count_valid": whole.area(),
                 "px_count_visib": left,
                 "visib_fract": if all > 0 { left as f64 / all as f64 } else { 0.0 },
             }));
@@ -118,4 +121,15 @@ fn extent(limb: &LimbEllipse) -> [f64; 4] {
     let half = [(a * cos).hypot(b * sin), (a * sin).hypot(b * cos)];
     let [x, y] = limb.center_px;
     [x - half[0] - 0.5, y - half[1] - 0.5, 2.0 * half[0], 2.0 * half[1]]
+}
+
+/// Pixels of a silhouette: those in the image, or the ellipse's area where it reaches beyond.
+fn whole_area(limb: &LimbEllipse, camera: &Camera, inside: usize) -> usize {
+    let [x, y, width, height] = extent(limb);
+    let within = x >= -0.5
+        && y >= -0.5
+        && x + width <= f64::from(camera.width) - 0.5
+        && y + height <= f64::from(camera.height) - 0.5;
+    let [a, b] = limb.semi_axes_px;
+    if within { inside } else { inside.max((std::f64::consts::PI * a * b).round() as usize) }
 }

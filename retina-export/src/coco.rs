@@ -53,9 +53,10 @@ impl Writer for Coco {
             "camera": { "fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy },
             "camera_from_inertial": frame.truth.camera_from_inertial,
         }));
-        for (at, Seen { name, body, visible: silhouette, .. }) in frame.seen().iter().enumerate() {
+        for (at, seen) in frame.seen().iter().enumerate() {
+            let Seen { name, body, visible: silhouette, .. } = seen;
             let Some(bounds) = silhouette.bounds() else { continue };
-            let points = keypoints(body, camera);
+            let points = keypoints(seen, camera);
             part.annotations.push(json!({
                 "id": image * 100 + at,
                 "image_id": image,

@@ -100,6 +100,12 @@ pub fn export(
         Format::Fits => Box::new(fits::Fits),
     };
     let mut notes = Vec::new();
+    if frames.missing > 0 {
+        notes.push(format!(
+            "{} frames of the sequence are not there, and not in the data set",
+            frames.missing
+        ));
+    }
     let mut validation = 0;
     for (done, index) in frames.indices.iter().enumerate() {
         progress(done, frames.indices.len());

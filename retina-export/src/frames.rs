@@ -130,18 +130,27 @@ pub(crate) struct Frames {
     dir: PathBuf,
     /// Numbers of those that are whole.
     pub(crate) indices: Vec<usize>,
+    /// Frames of the sequence that are not there.
+    pub(crate) missing: usize,
 }
 
 impl Frames {
     pub(crate) fn of(dir: &Path) -> Result<Self, BatchError> {
-        let state = FolderState::read(dir, false)?.ok_or_else(|| {
+        let state = FolderState::read(dir, true)?.ok_or_else(|| {
             InputError::new(dir, "holds no frames")
                 .expected("a folder that `retina render` or `retina merge` wrote")
         })?;
         if state.done.is_empty() {
             return Err(InputError::new(dir, "holds no finished frame").into());
         }
-        Ok(Self { dir: dir.to_path_buf(), indices: state.done })
+        if let Some(first) = state.torn.first() {
+            return Err(InputError::new(dir, "has frames whose files are not what its manifest says")
+                .found(format!("{} of them, the first is frame {first}", state.torn.len()))
+                .help("`retina render --resume` makes them again")
+                .into());
+        }
+        let missing = state.frames_of_sequence - state.done.len();
+        Ok(Self { dir: dir.to_path_buf(), indices: state.done, missing })
     }
 
     pub(crate) fn read(&self, index: usize) -> Result<Frame, InputError> {
@@ -166,8 +175,9 @@ pub(crate) fn is_validation(index: usize, seed: u64, share: f64) -> bool {
 }
 
 /// Points of a body's reference figure that a network may learn: its centre, and where its axes leave it. Each has its place
-/// in the image, and 2 where it is seen, 1 where it is hidden behind the body, 0 beyond the image.
-pub(crate) fn keypoints(body: &BodyTruth, camera: &Camera) -> Vec<[f64; 3]> {
+/// in the image, and 2 where it is seen, 1 where this body or a nearer one hides it, 0 beyond the image.
+pub(crate) fn keypoints(seen: &Seen<'_>, camera: &Camera) -> Vec<[f64; 3]> {
+    let body = seen.body;
     let rotation = body.rotation();
     let centre = DVec3::from_array(body.position_camera_m);
     let axes = DVec3::from_array(body.reference_semi_axes_m);
@@ -186,7 +196,10 @@ pub(crate) fn keypoints(body: &BodyTruth, camera: &Camera) -> Vec<[f64; 3]> {
             let faces = (rotation * normal).dot(at) < 0.0;
             match inside {
                 false => [0.0, 0.0, 0.0],
-                true => [px[0], px[1], if faces { 2.0 } else { 1.0 }],
+                true => {
+                    let hidden = seen.whole.covers(px) && !seen.visible.covers(px);
+                    [px[0], px[1], if faces && !hidden { 2.0 } else { 1.0 }]
+                }
             }
         })
         .collect()

@@ -39,6 +39,16 @@ impl Silhouette {
         Self { covered, ..*self }
     }
 
+    /// Whether the pixel of a place in the image is covered.
+    pub(crate) fn covers(&self, [x, y]: [f64; 2]) -> bool {
+        let (column, row) = (x.floor() as usize, y.floor() as usize);
+        x >= 0.0
+            && y >= 0.0
+            && column < self.width
+            && row < self.height
+            && self.covered[row * self.width + column]
+    }
+
     pub(crate) fn area(&self) -> usize {
         self.covered.iter().filter(|covered| **covered).count()
     }

@@ -43,8 +43,9 @@ impl Writer for WebDataset {
         let mut document = frame.document.clone();
         document["bodies_px"] = seen
             .iter()
-            .map(|Seen { name, body, visible: silhouette, .. }| {
-                let points = keypoints(body, &frame.truth.image_px);
+            .map(|own| {
+                let Seen { name, visible: silhouette, .. } = own;
+                let points = keypoints(own, &frame.truth.image_px);
                 let points = KEYPOINTS
                     .iter()
                     .map(|name| (*name).to_owned())

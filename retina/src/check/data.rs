@@ -36,6 +36,42 @@ const DOCUMENTS: [(&str, &str); 24] = [
     ("retina.optics/1", "result of an optical analysis"),
 ];
 
+/// Keys without which a document of a schema is none.
+const KEYS: [(&str, &[&str]); 4] = [
+    ("retina.truth/1", &["frame", "time_s", "image_px", "camera_from_inertial", "bodies", "stars"]),
+    ("retina.batch/1", &["input_hash", "quality", "compensation", "backend", "radiance_scale", "frames"]),
+    ("retina.manifest/1", &["index", "inputs", "outputs"]),
+    ("retina.plan/1", &["work", "source", "items", "shards", "format"]),
+];
+
+/// Further documents, which commands print.
+const OTHERS: [&str; 24] = [
+    "adapter",
+    "bench-effects",
+    "benchmark",
+    "body",
+    "check",
+    "contact-sheet",
+    "corto-sidecar",
+    "doctor",
+    "effects",
+    "far-range-transfer",
+    "image",
+    "import",
+    "merge",
+    "pattern",
+    "radiance",
+    "render",
+    "screen",
+    "serve",
+    "serve-summary",
+    "trajectory-summary",
+    "undistorted",
+    "view",
+    "view-session",
+    "warp",
+];
+
 fn of_document(path: &Path, document: &Value) -> Result<Checked, InputError> {
     let Some(schema) = document["schema"].as_str() else {
         return Err(
@@ -43,8 +79,18 @@ fn of_document(path: &Path, document: &Value) -> Result<Checked, InputError> {
         );
     };
     match DOCUMENTS.iter().find(|(own, _)| *own == schema) {
-        Some((_, what)) => Ok(Checked::of_schema(what, schema)),
-        None if schema.starts_with("retina.") => Ok(Checked::of_schema("document of RETINA", schema)),
+        Some((_, what)) => {
+            let keys = KEYS.iter().find(|(own, _)| *own == schema).map_or(&[][..], |(_, keys)| *keys);
+            match keys.iter().find(|key| document.get(**key).is_none()) {
+                None => Ok(Checked::of_schema(what, schema)),
+                Some(key) => Err(InputError::new(path, format!("is no {what}: a key is missing"))
+                    .at(format!("key `{key}`"))
+                    .expected(keys.join(", "))),
+            }
+        }
+        None if OTHERS.iter().any(|name| schema == format!("retina.{name}/1")) => {
+            Ok(Checked::of_schema("document of RETINA", schema))
+        }
         None => Err(InputError::new(path, "is no document of RETINA")
             .at("key `schema`")
             .found(format!("`{schema}`"))),

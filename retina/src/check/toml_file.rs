@@ -39,7 +39,7 @@ pub(super) fn check_toml(path: &Path, company: &Company) -> Result<Checked, Inpu
     };
     let out = |kind: &str| Checked::of_schema(kind, schema);
     match schema {
-        "retina.setup/1" => Ok(setup(&Setup::read(path)?)),
+        "retina.setup/1" => setup(&Setup::read(path)?),
         "retina.scene/1" => Ok(scene(&Scene::read(path)?)),
         "retina.calibration/1" => calibration(path, &table, company),
         "retina.far-range/1" => {
@@ -86,7 +86,7 @@ pub(super) fn check_toml(path: &Path, company: &Company) -> Result<Checked, Inpu
     }
 }
 
-fn setup(setup: &Setup) -> Checked {
+fn setup(setup: &Setup) -> Result<Checked, InputError> {
     let k_f = setup.facility_pinhole();
     let (screen, camera) = (&setup.screen, &setup.camera);
     let field = |pixels: u32| {
@@ -104,12 +104,19 @@ fn setup(setup: &Setup) -> Checked {
         ));
     if let Some(file) = setup.calibration_path() {
         if file.exists() {
+            CalibrationFile::read(&file, setup)
+                .map_err(|error| error.named_by(&setup.file, "calibration.file"))?;
             out = out.says(format!("its own calibration is {}", file.display()));
         } else {
             out = out.note(format!("its calibration {} is not there", file.display()));
         }
     }
-    out
+    if let Some(system) = setup.optics_system() {
+        retina_optics::read_system(&system, &[])
+            .map_err(|error| error.named_by(&setup.file, "optics.system"))?;
+        out = out.says(format!("the bench has the lenses of {}", system.display()));
+    }
+    Ok(out)
 }
 
 fn scene(scene: &Scene) -> Checked {
@@ -147,6 +154,10 @@ fn calibration(path: &Path, table: &toml::Table, company: &Company) -> Result<Ch
     .collect();
     let out = out
         .says(format!("it holds {}", if parts.is_empty() { "nothing".to_owned() } else { parts.join(", ") }));
+    let out = match company.setups.is_empty() || company.setups.iter().any(|setup| setup.name == name) {
+        true => out,
+        false => out.note("none of the setups given beside it has that name"),
+    };
     match company.setup(name) {
         Some(setup) => {
             CalibrationFile::read(path, &setup)?;

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use retina::cluster::Plan;
 use retina_batch::{Merged, merge_shards};
 use serde_json::json;
 
@@ -11,7 +12,7 @@ use crate::progress::Reporter;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Folders of frames of one scene: the shards of a plan, or what `retina render --shard` wrote.
+    /// Folders of frames of one scene: a plan, its shards, or what `retina render --shard` wrote.
     #[arg(value_name = "DIR", required = true)]
     folders: Vec<PathBuf>,
     /// Folder for all frames. Those that are already in it stay.
@@ -26,8 +27,15 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let mut folders = Vec::new();
+    for folder in &arguments.folders {
+        match Plan::read(folder)? {
+            Some(plan) => folders.extend((0..plan.shards).map(|shard| folder.join(plan.shard_folder(shard)))),
+            None => folders.push(folder.clone()),
+        }
+    }
     let mut reporter = Reporter::new();
-    let merged = merge_shards(&arguments.folders, &arguments.out, arguments.partial, &mut reporter);
+    let merged = merge_shards(&folders, &arguments.out, arguments.partial, &mut reporter);
     reporter.clear();
     let Merged { dir, done, skipped, missing, contact_sheet } = merged?;
     tell!(
