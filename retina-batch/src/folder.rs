@@ -2,10 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::{self, File, OpenOptions};
-use std::io::Write as _;
+use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
-use retina_files::{InputError, hash_file, read_text, write_atomic};
+use retina_files::{InputError, hash_file, read_text, write_atomic, write_new};
 use serde::{Deserialize, Serialize};
 
 use crate::BatchError;
@@ -210,15 +210,22 @@ impl Folder {
     /// `kinds` are the folders of the frames' files.
     pub(crate) fn open(dir: &Path, record: &Record, kinds: &BTreeSet<String>) -> Result<Self, BatchError> {
         let mut folder = Self::at(dir);
-        for name in kinds {
-            let path = dir.join(name);
-            fs::create_dir_all(&path).map_err(BatchError::write(&path))?;
-        }
+        fs::create_dir_all(dir).map_err(BatchError::write(dir))?;
         let file = dir.join(RECORD);
+        // The record comes before the folders of the files, and is never replaced: runs that begin at the same moment
+        // find nothing without an owner, and lock one file.
         if !file.exists() {
             let mut text = serde_json::to_vec_pretty(record).map_err(|e| BatchError::encode(RECORD, &e))?;
             text.push(b'\n');
-            write_atomic(&file, &text).map_err(BatchError::write(&file))?;
+            match write_new(&file, &text) {
+                // Another run was first, and took our unfinished one for a leftover.
+                Err(error) if error.kind() == ErrorKind::NotFound && file.exists() => {}
+                written => written.map(|_| ()).map_err(BatchError::write(&file))?,
+            }
+        }
+        for name in kinds {
+            let path = dir.join(name);
+            fs::create_dir_all(&path).map_err(BatchError::write(&path))?;
         }
         // Another run may have been first.
         if let Some(found) = folder.record()? {
@@ -235,12 +242,23 @@ impl Folder {
         Ok(folder)
     }
 
+    /// Keeps other runs from taking this one's unfinished files for leftovers, until what it gives is dropped; `None`
+    /// where the folder is not a run's.
+    pub(crate) fn hold(dir: &Path) -> Option<File> {
+        File::open(dir.join(RECORD)).ok().filter(|file| file.lock_shared().is_ok())
+    }
+
     fn remove_leftovers(&self, kinds: &BTreeSet<String>) -> Result<(), BatchError> {
         for path in kinds.iter().map(|kind| self.dir.join(kind)).chain([self.dir.clone()]) {
             for entry in fs::read_dir(&path).map_err(BatchError::write(&path))? {
                 let entry = entry.map_err(BatchError::write(&path))?;
-                if entry.file_name().to_string_lossy().starts_with(".part-") {
-                    fs::remove_file(entry.path()).map_err(BatchError::write(&entry.path()))?;
+                if !entry.file_name().to_string_lossy().starts_with(".part-") {
+                    continue;
+                }
+                match fs::remove_file(entry.path()) {
+                    // A run that begins beside this one writes its record before it holds the lock.
+                    Err(error) if error.kind() == ErrorKind::NotFound => {}
+                    removed => removed.map_err(BatchError::write(&entry.path()))?,
                 }
             }
         }
@@ -384,6 +402,30 @@ mod tests {
         drop(Folder::open(dir.path(), &record(), &kinds()).unwrap());
         assert!(!left.exists());
         assert_eq!(fs::read_to_string(dir.path().join(MANIFEST)).unwrap(), "{\"schema\":1}\n");
+    }
+
+    #[test]
+    fn runs_that_begin_at_the_same_moment_do_not_disturb_each_other() {
+        for _ in 0..40 {
+            let dir = tempfile::tempdir().unwrap();
+            let dir = &dir.path().join("new");
+            std::thread::scope(|scope| {
+                for run in 0..6 {
+                    scope.spawn(move || {
+                        Folder::at(dir).record().unwrap();
+                        let folder = Folder::open(dir, &record(), &kinds()).unwrap();
+                        for frame in 0..3 {
+                            write_atomic(&dir.join(frame_file("frames", 3 * run + frame, "png")), b"x")
+                                .unwrap();
+                        }
+                        folder.close().unwrap();
+                        let _held = Folder::hold(dir).unwrap();
+                        write_atomic(&dir.join("contact-sheet.png"), b"x").unwrap();
+                    });
+                }
+            });
+            assert_eq!(fs::read_dir(dir.join("frames")).unwrap().count(), 18);
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, MOST_IMAGE_PIXELS, decode_image, read_bytes, write_atomic};
 
+use crate::folder::Folder;
 use crate::png_file::{PngShape, png_bytes};
 use crate::{BatchError, digits};
 
@@ -55,6 +56,7 @@ pub fn contact_sheet(dir: &Path) -> Result<PathBuf, BatchError> {
     }
     let path = dir.join("contact-sheet.png");
     let bytes = encode(&sheet, width, height)?;
+    let _held = Folder::hold(dir);
     write_atomic(&path, &bytes).map_err(BatchError::write(&path))?;
     Ok(path)
 }

@@ -23,4 +23,4 @@ pub use fits::FitsHeader;
 pub use picture::{MOST_IMAGE_PIXELS, decode_image};
 pub use table::Table;
 pub use toml_file::{nearest, parse_schema, parse_toml, read_schema, read_toml};
-pub use write::{hash_bytes, hash_file, read_bytes, read_text, write_atomic};
+pub use write::{hash_bytes, hash_file, read_bytes, read_text, write_atomic, write_new};

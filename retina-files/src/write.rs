@@ -12,10 +12,31 @@ use crate::InputError;
 /// # Errors
 /// Whatever the file system says.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
+    let folder = folder_of(path);
+    written_beside(folder, bytes)?.persist(path).map_err(|error| error.error)?;
+    sync_folder(folder)
+}
+
+/// As [`write_atomic`], but leaves a file that is there as it is, also one that another process writes at the same
+/// moment. Tells whether the file is ours.
+///
+/// # Errors
+/// Whatever the file system says.
+pub fn write_new(path: &Path, bytes: &[u8]) -> std::io::Result<bool> {
+    let folder = folder_of(path);
+    match written_beside(folder, bytes)?.persist_noclobber(path) {
+        Ok(_) => sync_folder(folder).map(|()| true),
+        Err(error) if error.error.kind() == std::io::ErrorKind::AlreadyExists => Ok(false),
+        Err(error) => Err(error.error),
+    }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// A temporary file in `folder` with `bytes`, on the disk.
+fn written_beside(folder: &Path, bytes: &[u8]) -> std::io::Result<tempfile::NamedTempFile> {
     // The error's own text names the temporary file, which is nothing to the user.
     let made = tempfile::Builder::new().prefix(".part-").tempfile_in(folder);
     let mut file = made.map_err(|error| std::io::Error::from(error.kind()))?;
@@ -27,8 +48,11 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
         file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
     }
     file.as_file().sync_data()?;
-    file.persist(path).map_err(|error| error.error)?;
-    // The new name is in the folder, which has its own place on the disk. Other systems have no such call.
+    Ok(file)
+}
+
+/// Brings a new name to the disk: it is in the folder, which has its own place there. Other systems have no such call.
+fn sync_folder(folder: &Path) -> std::io::Result<()> {
     if cfg!(unix) {
         std::fs::File::open(folder)?.sync_all()?;
     }
