@@ -114,6 +114,11 @@ impl Bench {
         &self.sensor
     }
 
+    /// Sets the sensor's gain: `factor` times the setup's digital numbers for the same charge.
+    pub fn set_gain(&mut self, factor: f64) {
+        self.sensor.set_gain(factor);
+    }
+
     /// Electrons a second in the brightest pixel of one channel's sub-pixel at count 255, where the optics
     /// are sharpest.
     pub fn sharpest_peak_e_s(&self) -> f64 {

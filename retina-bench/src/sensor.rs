@@ -19,6 +19,8 @@ pub struct Sensor {
     efficiency: QuantumEfficiency,
     /// Electrons a digital number.
     pub gain_e_per_dn: f64,
+    /// The same at the setup's own gain.
+    base_e_per_dn: f64,
     full_well_e: f64,
     read_noise_e: f64,
     offset_dn: f64,
@@ -55,12 +57,13 @@ impl Sensor {
             None => QuantumEfficiency::paper_camera(),
             Some(rows) => QuantumEfficiency::new(rows.clone()),
         };
+        let base_e_per_dn =
+            noise.gain_e_per_dn.unwrap_or(noise.full_well_e / (largest_dn - noise.offset_dn).max(1.0));
         Self {
             size_px,
             efficiency,
-            gain_e_per_dn: noise
-                .gain_e_per_dn
-                .unwrap_or(noise.full_well_e / (largest_dn - noise.offset_dn).max(1.0)),
+            gain_e_per_dn: base_e_per_dn,
+            base_e_per_dn,
             full_well_e: noise.full_well_e,
             read_noise_e: noise.read_noise_e,
             offset_dn: noise.offset_dn,
@@ -72,6 +75,11 @@ impl Sensor {
             blooming: wrong.blooming,
             stray_e_s: wrong.stray_e_s,
         }
+    }
+
+    /// Sets the gain: `factor` times the setup's digital numbers for the same charge.
+    pub fn set_gain(&mut self, factor: f64) {
+        self.gain_e_per_dn = self.base_e_per_dn / factor;
     }
 
     /// Its quantum efficiency.

@@ -63,7 +63,11 @@ fn screens_of(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
     Ok(files)
 }
 
-fn read_screen(path: &Path) -> Result<ScreenImage, InputError> {
+/// A screen image from its PNG file: grey or colour, 8 bits.
+///
+/// # Errors
+/// It does not read, or has more than 8 bits.
+pub fn read_screen(path: &Path) -> Result<ScreenImage, InputError> {
     let formats = [image::ImageFormat::Png];
     let image = decode_image(path, "image", &read_bytes(path)?, &formats, MOST_IMAGE_PIXELS)?;
     let deep = !matches!(

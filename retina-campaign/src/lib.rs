@@ -19,7 +19,7 @@ mod stars;
 
 pub use effects::{Effect, EffectKind, known_effects};
 pub use facility::{Dynamics, Facility, TemperatureProfile};
-pub use frames::{FramesOptions, FramesResult, simulate_frames, well_exposed_s};
+pub use frames::{FramesOptions, FramesResult, read_screen, simulate_frames, well_exposed_s};
 pub use points::{PointsOptions, PointsResult, camera_image, saturation_dn, simulate_plan, simulate_points};
 pub use power::{PowerOptions, simulate_power};
 pub use record::PointsRecord;

@@ -4,6 +4,8 @@ use std::fmt;
 use std::io::{IsTerminal as _, Write as _};
 
 use miette::{Diagnostic, LabeledSpan, MietteHandlerOpts, NamedSource, ReportHandler, SourceCode};
+use retina::gige::GigeError;
+use retina::lab::LabError;
 use retina_batch::BatchError;
 use retina_bench::BenchError;
 use retina_files::{InputError, Place};
@@ -119,6 +121,28 @@ impl From<BenchError> for Failure {
             BenchError::Input(error) => error.into(),
             error => Self::new(error.to_string()),
         }
+    }
+}
+
+impl From<LabError> for Failure {
+    fn from(error: LabError) -> Self {
+        match error {
+            LabError::Input(error) => error.into(),
+            LabError::Bench(error) => error.into(),
+            error => Self::new(error.to_string()),
+        }
+    }
+}
+
+impl From<GigeError> for Failure {
+    fn from(error: GigeError) -> Self {
+        let help = match &error {
+            GigeError::InUse { .. } => {
+                "end the other one, or give --interface another address of this machine"
+            }
+            GigeError::Socket { .. } => "give --interface an address of this machine",
+        };
+        Self { help: Some(help.into()), ..Self::new(error.to_string()) }
     }
 }
 

@@ -76,6 +76,9 @@ enum Command {
     /// Runs measurement campaigns on the virtual bench.
     #[command(subcommand)]
     Simulate(command::simulate::Command),
+    /// Drives a laboratory's screen and camera, or the virtual bench in their place.
+    #[command(subcommand)]
+    Lab(command::lab::Command),
     /// Finds attitude and position from images.
     #[command(subcommand)]
     Navigate(command::navigate::Command),
@@ -133,6 +136,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Sheet(arguments) => command::sheet::run(arguments),
         Command::Optics(command) => command::optics::run(*command),
         Command::Simulate(command) => command::simulate::run(&command),
+        Command::Lab(command) => command::lab::run(&command),
         Command::Navigate(command) => command::navigate::run(&command),
         Command::View(arguments) => command::view::run(&arguments),
         Command::New(arguments) => command::new::run(&arguments),

@@ -35,6 +35,9 @@
 //! **Navigation** ([`navigation`]) finds attitude and position in the camera's images: `examples/detect_and_solve.rs`.
 //! [`experiments`] repeats the paper's experiments end to end.
 //!
+//! **The laboratory** ([`lab`]) has real screens and cameras in the loop, or the virtual bench in their place; [`gige`]
+//! is a GigE Vision camera in software.
+//!
 //! **Files** of all kinds are recognised and read by [`check`], without any work done.
 //!
 //! # Conventions
@@ -66,9 +69,11 @@ pub use retina_files as files;
 pub use retina_formats as formats;
 pub use retina_frames as frames;
 pub use retina_geometry as geometry;
+pub use retina_gige as gige;
 pub use retina_image as image;
 pub use retina_import as import;
 pub use retina_investigation as investigation;
+pub use retina_lab as lab;
 pub use retina_model as model;
 pub use retina_navigation as navigation;
 pub use retina_optics as optics;

@@ -15,6 +15,7 @@ pub(crate) mod export;
 pub(crate) mod fit;
 pub(crate) mod import;
 pub(crate) mod investigate;
+pub(crate) mod lab;
 pub(crate) mod navigate;
 pub(crate) mod new;
 pub(crate) mod optics;

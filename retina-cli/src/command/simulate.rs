@@ -62,8 +62,9 @@ struct Common {
     json: bool,
 }
 
+/// `--temperature`.
 #[derive(Clone, Copy, clap::ValueEnum)]
-enum Profile {
+pub(crate) enum Profile {
     /// Constant, 20 degC.
     Constant,
     /// From 20 to 24 degC, with a time constant of one hour.

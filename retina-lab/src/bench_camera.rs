@@ -1,0 +1,221 @@
+//! The virtual bench as a camera: it photographs a screen in its own time.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use retina_bench::{Bench, Exposure, ExposurePose, OpticsDetail, ScreenImage};
+use retina_campaign::{Facility, TemperatureProfile};
+use retina_gige::{CameraInfo, Imager, Knob, Shot};
+
+use crate::{LabError, ScreenView};
+
+/// Time between two looks at the screen during an exposure, s: a refresh of 60 Hz.
+const REFRESH_S: f64 = 1.0 / 60.0;
+/// Longest exposure, s.
+const LONGEST_EXPOSURE_S: f64 = 60.0;
+
+/// How a bench camera behaves.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct BenchCameraOptions {
+    /// The bench's temperature, from the camera's start on.
+    pub temperature: TemperatureProfile,
+    /// How finely its optics are tabulated.
+    pub detail: OpticsDetail,
+}
+
+/// The screws of a bench: what a person in the laboratory turns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Screw {
+    ScreenTiltX,
+    ScreenTiltY,
+    ScreenShiftX,
+    ScreenShiftY,
+    ScreenTurn,
+    ScreenFocus,
+    CameraPointingX,
+    CameraPointingY,
+    CameraRoll,
+}
+
+const SCREWS: [(Screw, &str, &str, f64); 9] = [
+    (Screw::ScreenTiltX, "Turns the screen: its +x side away from the lenses", "deg", 5.0),
+    (Screw::ScreenTiltY, "Turns the screen: its +y side away from the lenses", "deg", 5.0),
+    (Screw::ScreenShiftX, "Moves the screen along +x", "mm", 2.0),
+    (Screw::ScreenShiftY, "Moves the screen along +y", "mm", 2.0),
+    (Screw::ScreenTurn, "Turns the screen about the axis, from +x towards +y", "deg", 5.0),
+    (Screw::ScreenFocus, "Moves the screen away from the lenses", "mm", 2.0),
+    (Screw::CameraPointingX, "Points the camera towards +x", "deg", 5.0),
+    (Screw::CameraPointingY, "Points the camera towards +y", "deg", 5.0),
+    (Screw::CameraRoll, "Rolls the camera about its boresight", "deg", 10.0),
+];
+
+/// A setup with effects as a camera.
+pub struct BenchCamera {
+    facility: Facility,
+    options: BenchCameraOptions,
+    view: Box<dyn ScreenView>,
+    bench: Bench,
+    /// The turns of the screws that the bench was built with.
+    turned: Vec<f64>,
+    start: Instant,
+    light: Option<Light>,
+}
+
+/// What the last exposure's screens made, for exposures of the same.
+struct Light {
+    screens: Vec<(Arc<ScreenImage>, f64)>,
+    pose: ExposurePose,
+    electrons: Vec<f32>,
+}
+
+impl Light {
+    fn is_of(&self, screens: &[(Arc<ScreenImage>, f64)], pose: &ExposurePose) -> bool {
+        let same = |((a, s), (b, t)): (&(Arc<ScreenImage>, f64), &(Arc<ScreenImage>, f64))| {
+            Arc::ptr_eq(a, b) && s == t
+        };
+        self.pose == *pose
+            && self.screens.len() == screens.len()
+            && self.screens.iter().zip(screens).all(same)
+    }
+}
+
+impl BenchCamera {
+    /// Builds the bench.
+    ///
+    /// # Errors
+    /// Its optics cannot be traced.
+    pub fn new(
+        facility: Facility,
+        view: Box<dyn ScreenView>,
+        options: BenchCameraOptions,
+    ) -> Result<Self, LabError> {
+        let bench = facility.bench(options.detail)?;
+        let turned = vec![0.0; SCREWS.len()];
+        Ok(Self { facility, options, view, bench, turned, start: Instant::now(), light: None })
+    }
+
+    /// What the camera says of itself.
+    pub fn info(&self, serial: &str) -> CameraInfo {
+        let camera = &self.facility.setup.camera;
+        let knob = |(screw, meaning, unit, most): &(Screw, &str, &str, f64)| Knob {
+            name: format!("{screw:?}"),
+            meaning: (*meaning).into(),
+            unit: (*unit).into(),
+            range: [-most, *most],
+            value: 0.0,
+        };
+        CameraInfo {
+            model: format!("virtual bench {}", self.facility.setup.name),
+            serial: serial.into(),
+            width_px: camera.width_px,
+            height_px: camera.height_px,
+            bits: camera.bits,
+            offset_dn: self.facility.setup.noise.offset_dn.clamp(0.0, 65535.0) as u16,
+            longest_exposure_s: LONGEST_EXPOSURE_S,
+            knobs: SCREWS.iter().map(knob).collect(),
+        }
+    }
+
+    /// The bench with its screws turned.
+    fn turn(&mut self, turned: &[f64]) -> Result<(), LabError> {
+        if self.turned == turned {
+            return Ok(());
+        }
+        let mut facility = self.facility.clone();
+        let (screen, wrong) = (&mut facility.wrong.screen.clone(), &mut facility.wrong);
+        for ((screw, ..), value) in SCREWS.iter().zip(turned) {
+            match screw {
+                Screw::ScreenTiltX => screen.tilt_rad[0] += value.to_radians(),
+                Screw::ScreenTiltY => screen.tilt_rad[1] += value.to_radians(),
+                Screw::ScreenShiftX => screen.shift_mm[0] += value,
+                Screw::ScreenShiftY => screen.shift_mm[1] += value,
+                Screw::ScreenTurn => screen.turn_rad += value.to_radians(),
+                Screw::ScreenFocus => screen.focus_mm += value,
+                Screw::CameraPointingX => wrong.pointing_rad[0] += value.to_radians(),
+                Screw::CameraPointingY => wrong.pointing_rad[1] += value.to_radians(),
+                Screw::CameraRoll => wrong.camera_roll_rad += value.to_radians(),
+            }
+        }
+        wrong.screen = *screen;
+        self.bench = facility.bench(self.options.detail)?;
+        self.turned = turned.to_vec();
+        self.light = None;
+        Ok(())
+    }
+
+    /// The screens that an exposure sees, and how long it sees each, s. The call lasts as long as the exposure.
+    fn watch(&mut self, exposure_s: f64) -> Result<Vec<(Arc<ScreenImage>, f64)>, LabError> {
+        let start = Instant::now();
+        let mut screens: Vec<(Arc<ScreenImage>, f64)> = Vec::new();
+        let mut seen_s = 0.0;
+        while seen_s < exposure_s {
+            let image = self.view.read()?;
+            let until_s = (start.elapsed().as_secs_f64() + REFRESH_S).min(exposure_s).max(seen_s);
+            // What was read stands for the time from the last look on.
+            let lasts_s = until_s - seen_s;
+            match screens.last_mut() {
+                Some((last, time_s)) if Arc::ptr_eq(last, &image) => *time_s += lasts_s,
+                _ => screens.push((image, lasts_s)),
+            }
+            seen_s = until_s;
+            let early_s = seen_s - start.elapsed().as_secs_f64();
+            if early_s > 0.0 {
+                std::thread::sleep(Duration::from_secs_f64(early_s));
+            }
+        }
+        // One screen throughout: no sum of times that differs in its last digit from exposure to exposure.
+        if let [(_, time_s)] = screens.as_mut_slice() {
+            *time_s = exposure_s;
+        }
+        Ok(screens)
+    }
+
+    fn take(&mut self, shot: &Shot) -> Result<Vec<u16>, LabError> {
+        self.turn(&shot.knobs)?;
+        let time_s = self.start.elapsed().as_secs_f64();
+        let temperature_c = self.options.temperature.at_c(time_s);
+        let screens = self.watch(shot.exposure_s)?;
+        let pose = self.facility.dynamics.pose(
+            self.bench.camera().pinhole.fx_px,
+            self.facility.wrong.camera_roll_rad,
+            time_s,
+            temperature_c,
+            self.facility.seed,
+            shot.number,
+        );
+        let exposure = |exposure_s: f64| Exposure { exposure_s, temperature_c, pose, frame: shot.number };
+        let known = self.light.take().filter(|light| light.is_of(&screens, &pose));
+        let light = match known {
+            Some(light) => light,
+            None => {
+                let mut electrons: Vec<f32> = Vec::new();
+                for (image, time_s) in &screens {
+                    let part = self.bench.light_e(image, &exposure(*time_s))?;
+                    if electrons.is_empty() {
+                        electrons = part;
+                    } else {
+                        electrons.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+                    }
+                }
+                Light { screens, pose, electrons }
+            }
+        };
+        self.bench.set_gain(shot.gain);
+        let frame = self.bench.read(&light.electrons, &exposure(shot.exposure_s));
+        self.light = Some(light);
+        Ok(frame.dn)
+    }
+}
+
+impl Imager for BenchCamera {
+    fn expose(&mut self, shot: &Shot) -> Result<Vec<u16>, String> {
+        self.take(shot).map_err(|error| error.to_string())
+    }
+
+    fn temperature_c(&self) -> f64 {
+        self.options.temperature.at_c(self.start.elapsed().as_secs_f64())
+    }
+}
+
+#[cfg(test)]
+mod tests;
