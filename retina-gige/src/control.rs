@@ -289,7 +289,7 @@ impl Control {
             (Kind::Float { .. }, 8) => {
                 Value::Float(f64::from_be_bytes(bytes.try_into().map_err(|_| Status::BadAlignment)?))
             }
-            (Kind::Integer { .. } | Kind::Choice(_) | Kind::Command, 4) => {
+            (Kind::Integer { .. } | Kind::Choice(_) | Kind::Switch | Kind::Command, 4) => {
                 Value::Integer(u32::from_be_bytes(bytes.try_into().map_err(|_| Status::BadAlignment)?))
             }
             _ => return Err(Status::BadAlignment),

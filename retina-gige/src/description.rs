@@ -164,6 +164,10 @@ fn node(nodes: &mut String, feature: &Feature) {
                 .collect();
             (format!("<Enumeration Name=\"{name}\">{head}{entries}{register}</Enumeration>"), 4)
         }
+        Kind::Switch => {
+            let values = "<OnValue>1</OnValue><OffValue>0</OffValue>";
+            (format!("<Boolean Name=\"{name}\">{head}{register}{values}</Boolean>"), 4)
+        }
         Kind::Command => {
             (format!("<Command Name=\"{name}\">{head}{register}<CommandValue>1</CommandValue></Command>"), 4)
         }

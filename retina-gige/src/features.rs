@@ -64,6 +64,7 @@ pub(crate) enum Kind {
     Integer { min: i64, max: Limit, unit: &'static str },
     Float { min: f64, max: f64, unit: &'static str },
     Choice(&'static [(&'static str, u32)]),
+    Switch,
     Command,
 }
 
@@ -167,7 +168,7 @@ pub(crate) fn table(info: &CameraInfo) -> Vec<Feature> {
         of(Id::AcquisitionStart, TAKING, Command, Write, "Begins to take images"),
         of(Id::AcquisitionStop, TAKING, Command, Write, "Ends taking images"),
         of(Id::AcquisitionFrameCount, TAKING, count(65_535), WriteAtRest, "Images in the mode MultiFrame"),
-        of(Id::AcquisitionFrameRateEnable, TAKING, Choice(OFF_ON), Write, "Whether the frame rate is held"),
+        of(Id::AcquisitionFrameRateEnable, TAKING, Kind::Switch, Write, "Whether the frame rate is held"),
         of(
             Id::AcquisitionFrameRate,
             TAKING,
@@ -352,6 +353,7 @@ impl Settings {
                 (min..=max).contains(&i64::from(value))
             }
             (Kind::Float { min, max, .. }, Value::Float(value)) => (min..=max).contains(&value),
+            (Kind::Switch, Value::Integer(value)) => value <= 1,
             (Kind::Choice(choices), Value::Integer(value)) => choices.iter().any(|(_, code)| *code == value),
             _ => false,
         };

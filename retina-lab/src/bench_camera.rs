@@ -170,10 +170,16 @@ impl BenchCamera {
         Ok(screens)
     }
 
-    fn take(&mut self, shot: &Shot) -> Result<Vec<u16>, LabError> {
-        self.turn(&shot.knobs)?;
+    /// Time since the start, s, and temperature, degC.
+    pub(crate) fn clock(&self) -> (f64, f64) {
         let time_s = self.start.elapsed().as_secs_f64();
-        let temperature_c = self.options.temperature.at_c(time_s);
+        (time_s, self.options.temperature.at_c(time_s))
+    }
+
+    /// Digital counts of an exposure that begins now.
+    pub(crate) fn take(&mut self, shot: &Shot) -> Result<Vec<u16>, LabError> {
+        self.turn(&shot.knobs)?;
+        let (time_s, temperature_c) = self.clock();
         let screens = self.watch(shot.exposure_s)?;
         let pose = self.facility.dynamics.pose(
             self.bench.camera().pinhole.fx_px,
@@ -213,7 +219,7 @@ impl Imager for BenchCamera {
     }
 
     fn temperature_c(&self) -> f64 {
-        self.options.temperature.at_c(self.start.elapsed().as_secs_f64())
+        self.clock().1
     }
 }
 

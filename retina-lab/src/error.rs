@@ -13,11 +13,30 @@ pub enum LabError {
     #[error(transparent)]
     Bench(#[from] BenchError),
     /// A display cannot be used.
-    #[error("the display {display}: {problem}")]
+    #[error("the display {display} {problem}")]
     Display {
         /// Its name.
         display: String,
         /// What is wrong, with what is to be done.
         problem: String,
     },
+    /// A camera cannot be used.
+    #[error("the camera {camera} {problem}")]
+    Camera {
+        /// Its name.
+        camera: String,
+        /// What is wrong, with what is to be done.
+        problem: String,
+    },
+    /// A user's own command fails.
+    #[error("the command `{command}` {problem}")]
+    Command {
+        /// The command.
+        command: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// The user interrupted.
+    #[error("interrupted; what was taken is kept")]
+    Interrupted,
 }

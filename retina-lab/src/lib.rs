@@ -1,13 +1,32 @@
 //! The laboratory: real screens and cameras in the loop, and the virtual bench in their place.
 //!
-//! - [`ScreenView`]: what a screen shows at this moment: an X11 display or a folder.
-//! - [`BenchCamera`]: the virtual bench as a camera that photographs a [`ScreenView`], in its own time. `retina_gige`
-//!   puts it on the network.
+//! - [`Screen`]: shows a frame and knows that it is there: an X11 window, a folder, a command, or the virtual bench.
+//! - [`LabCamera`]: takes an image when it is told to: GenICam cameras by Aravis, a folder, a command, the virtual bench.
+//! - [`capture`]: shows a [`Sequence`] and photographs it, resumable; [`calibrate_geometry`]: pattern, images, fit and
+//!   check in one piece.
+//! - [`BenchCamera`]: the virtual bench as a camera that photographs a [`ScreenView`], what a screen shows at this
+//!   moment, in its own time. `retina_gige` puts it on the network.
 
 mod bench_camera;
+mod calibrate;
+mod capture;
+mod devices;
 mod error;
+mod exposure;
+mod run_command;
+mod sequence;
+mod show;
+mod take;
 mod view;
+mod x11;
 
 pub use bench_camera::{BenchCamera, BenchCameraOptions};
+pub use calibrate::{LabCalibrated, LabCalibration, Step, calibrate_geometry};
+pub use capture::{CaptureOptions, Captured, capture};
+pub use devices::{FoundCamera, FoundScreen, find_cameras, find_screens};
 pub use error::LabError;
+pub use exposure::find_exposure;
+pub use sequence::{Sequence, SequenceFrame, SequenceKind};
+pub use show::{BenchScreen, Screen, ScreenSpec, open_screen};
+pub use take::{CameraSettings, CameraSpec, LabCamera, Taken, open_camera};
 pub use view::{ScreenAddress, ScreenView, open_view};

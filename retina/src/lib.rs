@@ -49,6 +49,7 @@
 //! # Features
 //!
 //! `gpu` (default): rendering by wgpu. Without it the CPU renderer is left and wgpu is not compiled.
+//! `aravis`: GenICam cameras by the system's library Aravis (libaravis-dev).
 
 pub mod check;
 pub mod decision;

@@ -2,23 +2,18 @@
 
 use std::net::Ipv4Addr;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use retina::gige::Camera;
-use retina::lab::{BenchCamera, BenchCameraOptions, ScreenAddress, open_view};
-use retina_campaign::{Effect, Facility};
-use retina_formats::TableKind;
+use retina::lab::{BenchCamera, ScreenAddress, open_view};
 use serde_json::json;
 
-use crate::command::simulate::Profile;
+use super::{BenchArguments, interrupted};
 use crate::failure::Failure;
 use crate::output::{print_json_line, tell};
 use crate::setup::read_setup;
 
-/// Time from the start after half of which a `knock` comes, s.
-const KNOCK_AFTER_S: f64 = 600.0;
 /// Between two looks at what the camera has done.
 const LOOK: Duration = Duration::from_millis(200);
 
@@ -34,16 +29,8 @@ pub(crate) struct Arguments {
     /// IPv4 address of this machine at which the camera is found.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     interface: Ipv4Addr,
-    /// Effect and its size, for example screen_tilt=0.1deg. Repeat the flag for more. A knock comes 300 s after the
-    /// start.
-    #[arg(long = "effect", value_name = "ID=VALUE")]
-    effects: Vec<String>,
-    /// Temperature of the bench from the start on.
-    #[arg(long, value_enum, default_value = "constant")]
-    temperature: Profile,
-    /// Seed of the bench's fixed patterns and of the noise.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    bench: BenchArguments,
     /// Serial number that the camera tells.
     #[arg(long, default_value = "RETINA-1", value_parser = serial)]
     serial: String,
@@ -62,17 +49,10 @@ fn serial(text: &str) -> Result<String, String> {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let address: ScreenAddress = arguments.screen.parse()?;
     let setup = read_setup(&arguments.setup)?;
-    let effects: Vec<Effect> =
-        arguments.effects.iter().map(|text| Effect::parse(text)).collect::<Result<_, _>>()?;
-    let facility = Facility::new(&setup, &effects, TableKind::Frames, KNOCK_AFTER_S, arguments.seed)?;
+    let facility = arguments.bench.facility(&setup)?;
     let view = open_view(&address, [setup.screen.width_px, setup.screen.height_px])?;
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || flag.store(true, Ordering::Release))
-        .map_err(|error| Failure::new(format!("interrupts cannot be caught: {error}")))?;
-    let options =
-        BenchCameraOptions { temperature: arguments.temperature.into(), ..BenchCameraOptions::default() };
-    let bench = BenchCamera::new(facility, view, options)?;
+    let stop = interrupted()?;
+    let bench = BenchCamera::new(facility, view, arguments.bench.options())?;
     let info = bench.info(&arguments.serial);
     let camera = Camera::start(info.clone(), Box::new(bench), arguments.interface)?;
     if arguments.json {

@@ -1,12 +1,41 @@
 //! `retina lab ...`: real screens and cameras, and the virtual bench in their place.
 
+mod calibrate;
 mod camera;
+mod capture;
+mod devices;
 
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use retina::lab::{
+    BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, CaptureOptions, LabCamera, Screen, ScreenSpec,
+    open_camera, open_screen,
+};
+use retina_campaign::{Effect, Facility};
+use retina_files::InputError;
+use retina_formats::TableKind;
+use retina_geometry::Setup;
+
+use crate::command::simulate::Profile;
 use crate::failure::Failure;
+use crate::output::tell;
+use crate::setup::read_setup;
 
 /// Drives a laboratory's screen and camera, or the virtual bench in their place.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
+    /// Lists the cameras and screens that are there.
+    Devices(devices::Arguments),
+    /// Shows a sequence and photographs it.
+    ///
+    /// The sequence is a pattern (`retina pattern`), a round of `retina decide`, frames (`retina render`), or a folder
+    /// of PNG files. An interrupted run goes on where it was when it is started again.
+    Capture(capture::Arguments),
+    /// Calibrates the facility in one piece: pattern, images, fit, and a check on fresh points.
+    #[command(subcommand)]
+    Calibrate(calibrate::Command),
     /// Makes the virtual bench a GigE Vision camera that photographs a screen.
     ///
     /// Any program that speaks GigE Vision finds it, sets its features and receives its images. It runs until it is
@@ -16,6 +45,147 @@ pub(crate) enum Command {
 
 pub(crate) fn run(command: &Command) -> Result<(), Failure> {
     match command {
+        Command::Devices(arguments) => devices::run(arguments),
+        Command::Capture(arguments) => capture::run(arguments),
+        Command::Calibrate(command) => calibrate::run(command),
         Command::Camera(arguments) => camera::run(arguments),
     }
+}
+
+/// Time from the start after half of which a `knock` comes, s.
+const KNOCK_AFTER_S: f64 = 600.0;
+
+/// The virtual bench: what it is made of.
+#[derive(clap::Args)]
+struct BenchArguments {
+    /// Effect of the virtual bench and its size, for example screen_tilt=0.1deg. Repeat the flag for more. A knock
+    /// comes 300 s after the start.
+    #[arg(long = "effect", value_name = "ID=VALUE")]
+    effects: Vec<String>,
+    /// Temperature of the virtual bench from the start on.
+    #[arg(long, value_enum, default_value = "constant")]
+    temperature: Profile,
+    /// Seed of the virtual bench's fixed patterns and of the noise.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+impl BenchArguments {
+    fn facility(&self, setup: &Setup) -> Result<Facility, Failure> {
+        let effects: Vec<Effect> =
+            self.effects.iter().map(|text| Effect::parse(text)).collect::<Result<_, _>>()?;
+        Ok(Facility::new(setup, &effects, TableKind::Frames, KNOCK_AFTER_S, self.seed)?)
+    }
+
+    fn options(&self) -> BenchCameraOptions {
+        BenchCameraOptions { temperature: self.temperature.into(), ..BenchCameraOptions::default() }
+    }
+}
+
+/// Screen and camera.
+#[derive(clap::Args)]
+struct DeviceArguments {
+    /// Facility, schema retina.setup/1.
+    #[arg(long)]
+    setup: PathBuf,
+    /// Screen: x11:DISPLAY, x11:DISPLAY@OUTPUT, folder:DIR (another program shows its screen.png), exec:COMMAND (shows
+    /// the file in $RETINA_FRAME), or bench.
+    #[arg(long, value_name = "SCREEN")]
+    screen: String,
+    /// Camera: aravis, aravis:NAME, folder:DIR (another program writes an image for each frame), exec:COMMAND (writes
+    /// an image to $RETINA_OUT, exposed for $RETINA_EXPOSURE_S with $RETINA_GAIN_DB), or bench.
+    #[arg(long, value_name = "CAMERA")]
+    camera: String,
+    #[command(flatten)]
+    bench: BenchArguments,
+    /// Exposure time, s [default: the brightest pixel of the first frame fills 60 % of the camera's range]. Several,
+    /// separated by commas, take each frame with each.
+    #[arg(long = "exposure-s", value_name = "S", value_delimiter = ',')]
+    exposures_s: Vec<f64>,
+    /// Gain of the camera, dB.
+    #[arg(long, default_value_t = 0.0)]
+    gain_db: f64,
+    /// Number of images of each frame.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    repeats: u16,
+    /// Wait after a frame is shown, s: what the display takes to follow.
+    #[arg(long, default_value_t = 0.05)]
+    settle_s: f64,
+}
+
+/// What a command works with.
+struct Devices {
+    setup: Setup,
+    screen: Box<dyn Screen>,
+    camera: Box<dyn LabCamera>,
+    capture: CaptureOptions,
+    stop: Arc<AtomicBool>,
+}
+
+impl DeviceArguments {
+    fn open(&self) -> Result<Devices, Failure> {
+        let number = |flag: &str, value: f64, good: bool, expected: &str| {
+            if good {
+                return Ok(value);
+            }
+            Err(InputError::new(Path::new(flag), "is out of range").found(value).expected(expected))
+        };
+        for &value in &self.exposures_s {
+            number("--exposure-s", value, value > 0.0 && value <= 3600.0, "more than 0, at most 3600")?;
+        }
+        let settle_s = self.settle_s;
+        number("--settle-s", settle_s, (0.0..=60.0).contains(&settle_s), "0 to 60")?;
+        number("--gain-db", self.gain_db, (0.0..=60.0).contains(&self.gain_db), "0 to 60")?;
+        let (screen, camera): (ScreenSpec, CameraSpec) = (self.screen.parse()?, self.camera.parse()?);
+        let setup = read_setup(&self.setup)?;
+        if camera != CameraSpec::Bench && !self.bench.effects.is_empty() {
+            return Err(InputError::new(Path::new("--effect"), "acts in the virtual bench only")
+                .found(format!("camera `{}`", self.camera))
+                .expected("--camera bench; `retina lab camera` takes effects as well")
+                .into());
+        }
+        if screen == ScreenSpec::Bench && camera != CameraSpec::Bench {
+            return Err(InputError::new(
+                Path::new("--screen"),
+                "the bench's own screen is seen by its own camera only",
+            )
+            .found(format!("camera `{}`", self.camera))
+            .help("give --camera bench, too")
+            .into());
+        }
+        let stop = interrupted()?;
+        let size_px = [setup.screen.width_px, setup.screen.height_px];
+        let shared = BenchScreen::new(size_px);
+        let bench = if (&screen, &camera) == (&ScreenSpec::Bench, &CameraSpec::Bench) {
+            let facility = self.bench.facility(&setup)?;
+            Some(BenchCamera::new(facility, Box::new(shared.clone()), self.bench.options())?)
+        } else {
+            None
+        };
+        // The camera first: no frame is shown that nobody could see.
+        let camera = open_camera(&camera, bench)?;
+        let screen = open_screen(&screen, size_px, &shared)?;
+        for remark in screen.remarks() {
+            tell!("warning: screen {}: {remark}", self.screen);
+        }
+        if !screen.verifies() {
+            tell!("screen {}: frames cannot be read back; they are taken as shown", self.screen);
+        }
+        let capture = CaptureOptions {
+            exposures_s: self.exposures_s.clone(),
+            gain_db: self.gain_db,
+            repeats: self.repeats.into(),
+            settle_s,
+        };
+        Ok(Devices { setup, screen, camera, capture, stop })
+    }
+}
+
+/// Becomes true when the user interrupts.
+fn interrupted() -> Result<Arc<AtomicBool>, Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || flag.store(true, Ordering::Release))
+        .map_err(|error| Failure::new(format!("interrupts cannot be caught: {error}")))?;
+    Ok(stop)
 }

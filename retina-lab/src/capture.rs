@@ -1,0 +1,333 @@
+//! Showing a sequence and photographing it.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::fs::{File, OpenOptions};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use retina_bench::ScreenImage;
+use retina_files::{InputError, Table, hash_bytes, hash_file, write_atomic};
+
+use crate::exposure::find_exposure;
+use crate::{CameraSettings, LabCamera, LabError, Screen, Sequence, SequenceKind};
+
+/// Log of a folder of images: a line an image, written when the image is on the disk.
+const LOG: &str = "captures.csv";
+const LOG_HEAD: &str = "image,frame,exposure_index,repeat,exposure_s,gain_db,time_s,unix_s,camera_time_s,\
+                        temperature_c,verified,lost";
+/// What the folder's images were taken of.
+const MADE_FROM: &str = "captures.txt";
+/// First trial where the exposure is looked for, s.
+const FIRST_TRIAL_S: f64 = 0.01;
+
+/// How a sequence is taken.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CaptureOptions {
+    /// Exposure times, s, of frames whose ratio is 1; each frame is taken with each. One is looked for where empty.
+    pub exposures_s: Vec<f64>,
+    /// Gain, dB.
+    pub gain_db: f64,
+    /// Images of each frame and exposure.
+    pub repeats: usize,
+    /// Wait after a frame is shown, s: what the display takes to follow.
+    pub settle_s: f64,
+}
+
+impl Default for CaptureOptions {
+    fn default() -> Self {
+        Self { exposures_s: Vec::new(), gain_db: 0.0, repeats: 1, settle_s: 0.05 }
+    }
+}
+
+/// What was taken.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Captured {
+    /// The table that lists the images: `images/images.csv` or `frames.csv`.
+    pub table: PathBuf,
+    /// Images taken by this run.
+    pub taken: usize,
+    /// Images that were there already.
+    pub skipped: usize,
+    /// Images that came torn or not at all, and were taken again.
+    pub lost: u64,
+    /// Exposure times of frames of ratio 1, s.
+    pub exposures_s: Vec<f64>,
+}
+
+/// A line of the log.
+#[derive(Debug, Clone, PartialEq)]
+struct Line {
+    frame: usize,
+    exposure: usize,
+    image: String,
+    exposure_s: f64,
+    time_s: f64,
+    unix_s: f64,
+    temperature_c: Option<f64>,
+    lost: u64,
+}
+
+/// Shows each frame and photographs it: `out/images/NAME.png`, listed in `out/images/images.csv` (a pattern) or
+/// `out/frames.csv`, with a log beside. Images that an interrupted run of the same left are kept. The screen is dark at
+/// the end. `stop` is asked before each image; `progress` is told how many of how many are there.
+///
+/// # Errors
+/// A device fails, a file cannot be written, `stop` says so, or the folder holds images of something else.
+pub fn capture(
+    sequence: &Sequence,
+    screen: &mut dyn Screen,
+    camera: &mut dyn LabCamera,
+    options: &CaptureOptions,
+    out: &Path,
+    stop: &dyn Fn() -> bool,
+    mut progress: impl FnMut(usize, usize),
+) -> Result<Captured, LabError> {
+    let folder = Folder::open(out, sequence, options)?;
+    let _one_at_a_time = folder.lock()?;
+    let mut lines = folder.lines()?;
+    let settle = || std::thread::sleep(Duration::from_secs_f64(options.settle_s));
+    let exposures_s = match (options.exposures_s.as_slice(), lines.values().next()) {
+        // The exposure that an interrupted run found holds for the rest.
+        ([], Some(line)) => vec![line.exposure_s / ratio(sequence, line.frame)],
+        ([], None) => {
+            let frame = &sequence.frames[0];
+            let found =
+                find_exposure(screen, camera, &frame.image()?, options.gain_db, FIRST_TRIAL_S, &settle)?;
+            vec![found / frame.exposure_ratio]
+        }
+        (given, _) => given.to_vec(),
+    };
+    let total = sequence.frames.len() * exposures_s.len() * options.repeats;
+    let skipped = lines.len();
+    progress(skipped, total);
+    for (index, frame) in sequence.frames.iter().enumerate() {
+        let mut shown = false;
+        for (nth, exposure_s) in exposures_s.iter().enumerate() {
+            let exposure_s = frame.exposure_s.unwrap_or(exposure_s * frame.exposure_ratio);
+            for repeat in 0..options.repeats {
+                let image = image_name(&frame.name, nth, exposures_s.len(), repeat, options.repeats);
+                if lines.contains_key(&image) {
+                    continue;
+                }
+                if stop() {
+                    folder.write_table(sequence, &lines)?;
+                    return Err(LabError::Interrupted);
+                }
+                if !shown {
+                    screen.show(&frame.image()?)?;
+                    settle();
+                    shown = true;
+                }
+                camera.set(&CameraSettings { exposure_s, gain_db: options.gain_db })?;
+                let unix_s = unix_s();
+                let taken = camera.take()?;
+                taken.image.write_png(&folder.images.join(&image))?;
+                let first_s =
+                    lines.values().map(|line: &Line| line.unix_s - line.time_s).next().unwrap_or(unix_s);
+                let line = Line {
+                    frame: index,
+                    exposure: nth,
+                    image: image.clone(),
+                    exposure_s: taken.exposure_s,
+                    time_s: unix_s - first_s,
+                    unix_s,
+                    temperature_c: taken.temperature_c,
+                    lost: taken.lost.into(),
+                };
+                folder.append(&line, repeat, options.gain_db, taken.time_s, screen.verifies())?;
+                lines.insert(image, line);
+                progress(lines.len(), total);
+            }
+        }
+    }
+    let size = sequence.frames[0].image()?;
+    screen.show(&ScreenImage::dark(size.width_px, size.height_px))?;
+    let table = folder.write_table(sequence, &lines)?;
+    Ok(Captured {
+        table,
+        taken: lines.len() - skipped,
+        skipped,
+        lost: lines.values().map(|line| line.lost).sum(),
+        exposures_s,
+    })
+}
+
+fn ratio(sequence: &Sequence, frame: usize) -> f64 {
+    sequence.frames.get(frame).map_or(1.0, |frame| frame.exposure_ratio)
+}
+
+fn unix_s() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |time| time.as_secs_f64())
+}
+
+fn image_name(frame: &str, exposure: usize, exposures: usize, repeat: usize, repeats: usize) -> String {
+    let mut name = frame.to_owned();
+    if exposures > 1 {
+        let _ = write!(name, "-e{exposure}");
+    }
+    if repeats > 1 {
+        let _ = write!(name, "-r{repeat}");
+    }
+    name + ".png"
+}
+
+struct Folder {
+    out: PathBuf,
+    images: PathBuf,
+}
+
+fn failed(path: &Path, error: impl std::fmt::Display) -> LabError {
+    InputError::new(path, format!("cannot be written: {error}")).into()
+}
+
+impl Folder {
+    /// Makes the folder, or finds it as an earlier run of the same left it.
+    fn open(out: &Path, sequence: &Sequence, options: &CaptureOptions) -> Result<Self, LabError> {
+        let images = out.join("images");
+        let mut text = format!("{options:?}\n");
+        for frame in &sequence.frames {
+            let _ = writeln!(text, "{} {:?} {}", frame.name, frame.exposure_s, hash_file(&frame.file)?);
+        }
+        let own = format!("{}\n", hash_bytes(text.as_bytes()));
+        let mark = out.join(MADE_FROM);
+        if mark.exists() {
+            if retina_files::read_text(&mark)? != own {
+                return Err(InputError::new(
+                    out,
+                    "holds images of another sequence, or taken with other options",
+                )
+                .help("give --out another folder")
+                .into());
+            }
+        } else if images.exists() {
+            return Err(InputError::new(&images, "holds images of which nothing says what they show")
+                .help("give --out another folder")
+                .into());
+        }
+        std::fs::create_dir_all(&images).map_err(|error| failed(&images, error))?;
+        write_atomic(&mark, own.as_bytes()).map_err(|error| failed(&mark, error))?;
+        Ok(Self { out: out.into(), images })
+    }
+
+    /// Two programs do not take images into one folder.
+    fn lock(&self) -> Result<File, LabError> {
+        let path = self.out.join(MADE_FROM);
+        let file = File::open(&path).map_err(|error| failed(&path, error))?;
+        file.try_lock()
+            .map_err(|_| InputError::new(&self.out, "another program takes images into this folder"))?;
+        Ok(file)
+    }
+
+    /// The log's lines whose images are there, by name.
+    fn lines(&self) -> Result<BTreeMap<String, Line>, LabError> {
+        let path = self.out.join(LOG);
+        if !path.exists() {
+            return Ok(BTreeMap::new());
+        }
+        // A line that a killed run did not finish: its image is taken again.
+        let text = retina_files::read_text(&path)?;
+        let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
+        if whole.len() < text.len() {
+            write_atomic(&path, whole.as_bytes()).map_err(|error| failed(&path, error))?;
+        }
+        let table = Table::parse(&path, whole)?;
+        let mut lines = BTreeMap::new();
+        for row in 0..table.len() {
+            let image = table.text(row, "image").to_owned();
+            if !self.images.join(&image).is_file() {
+                continue;
+            }
+            let line = Line {
+                frame: table.number(row, "frame")? as usize,
+                exposure: table.number(row, "exposure_index")? as usize,
+                image: image.clone(),
+                exposure_s: table.number(row, "exposure_s")?,
+                time_s: table.number(row, "time_s")?,
+                unix_s: table.number(row, "unix_s")?,
+                temperature_c: table.number_or_empty(row, "temperature_c")?,
+                lost: table.number(row, "lost")? as u64,
+            };
+            lines.insert(image, line);
+        }
+        Ok(lines)
+    }
+
+    fn append(
+        &self,
+        line: &Line,
+        repeat: usize,
+        gain_db: f64,
+        camera_time_s: f64,
+        verified: bool,
+    ) -> Result<(), LabError> {
+        let path = self.out.join(LOG);
+        let new = !path.exists();
+        let mut file =
+            OpenOptions::new().create(true).append(true).open(&path).map_err(|error| failed(&path, error))?;
+        let mut text = if new { format!("{LOG_HEAD}\n") } else { String::new() };
+        let _ = writeln!(
+            text,
+            "{},{},{},{repeat},{},{gain_db},{:.6},{:.6},{camera_time_s:.9},{},{},{}",
+            line.image,
+            line.frame,
+            line.exposure,
+            line.exposure_s,
+            line.time_s,
+            line.unix_s,
+            cell(line.temperature_c),
+            u8::from(verified),
+            line.lost
+        );
+        file.write_all(text.as_bytes()).and_then(|()| file.sync_data()).map_err(|error| failed(&path, error))
+    }
+
+    /// The table for the commands that go on from here.
+    fn write_table(&self, sequence: &Sequence, lines: &BTreeMap<String, Line>) -> Result<PathBuf, LabError> {
+        let mut ordered: Vec<&Line> = lines.values().collect();
+        ordered.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        let (path, mut text) = match sequence.kind {
+            SequenceKind::Pattern => (
+                self.images.join("images.csv"),
+                String::from("image,screen,exposure_s,time_s,temperature_c,camera_roll_deg,mounting\n"),
+            ),
+            SequenceKind::Frames => (
+                self.out.join("frames.csv"),
+                String::from("predicted,measured,time_s,temperature_c,exposure_s\n"),
+            ),
+        };
+        for line in ordered {
+            let frame = &sequence.frames[line.frame];
+            let (time_s, exposure_s, temperature) = (line.time_s, line.exposure_s, cell(line.temperature_c));
+            let _ = match sequence.kind {
+                SequenceKind::Pattern => {
+                    let screen = frame.file.file_name().unwrap_or_default().to_string_lossy();
+                    let [roll, mounting] = frame.planned.map(cell);
+                    writeln!(
+                        text,
+                        "{},{screen},{exposure_s},{time_s:.6},{temperature},{roll},{mounting}",
+                        line.image
+                    )
+                }
+                SequenceKind::Frames => {
+                    let radiance = frame.file.with_extension("exr");
+                    let predicted = if radiance.exists() { radiance } else { frame.file.clone() };
+                    let predicted = std::path::absolute(&predicted).unwrap_or(predicted);
+                    let measured = &line.image;
+                    writeln!(
+                        text,
+                        "{},images/{measured},{time_s:.6},{temperature},{exposure_s}",
+                        predicted.display()
+                    )
+                }
+            };
+        }
+        write_atomic(&path, text.as_bytes()).map_err(|error| failed(&path, error))?;
+        Ok(path)
+    }
+}
+
+fn cell(value: Option<f64>) -> String {
+    value.map_or_else(String::new, |value| value.to_string())
+}

@@ -1,0 +1,112 @@
+//! What is to be shown and photographed: a pattern, a plan, or rendered frames.
+
+use std::path::{Path, PathBuf};
+
+use retina_bench::ScreenImage;
+use retina_calibration::geometry::{MeasurementPlan, PLAN_FILE, Pattern};
+use retina_campaign::read_screen;
+use retina_files::InputError;
+use retina_geometry::Setup;
+
+use crate::LabError;
+
+/// What the images will be taken for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SequenceKind {
+    /// Screens of a pattern: the images are listed in `images.csv`.
+    Pattern,
+    /// Frames: the images are listed in `frames.csv`, beside what was meant to be seen.
+    Frames,
+}
+
+/// A frame that is to be shown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SequenceFrame {
+    /// Name of its image, without ending.
+    pub name: String,
+    /// Its file.
+    pub file: PathBuf,
+    /// Exposure time over that of the first group of frames.
+    pub exposure_ratio: f64,
+    /// Exposure time that a plan asks for, s.
+    pub exposure_s: Option<f64>,
+    /// Columns of `images.csv` that a plan gives: camera roll, deg, and number of the mounting.
+    pub planned: [Option<f64>; 2],
+}
+
+/// Frames in the order in which they are shown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sequence {
+    /// What they are.
+    pub kind: SequenceKind,
+    /// The frames.
+    pub frames: Vec<SequenceFrame>,
+}
+
+impl Sequence {
+    /// Reads a folder: a pattern of `retina pattern`, a round of `retina decide`, what `retina render` wrote, or PNG
+    /// files.
+    ///
+    /// # Errors
+    /// The folder holds none of them.
+    pub fn read(folder: &Path, setup: &Setup) -> Result<Self, InputError> {
+        let stem = |name: &str| name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned();
+        if folder.join(PLAN_FILE).is_file() {
+            let plan = MeasurementPlan::read(folder, setup)?;
+            let frames = plan.exposures.iter().map(|exposure| {
+                let screen = &plan.pattern.screens[exposure.screen];
+                SequenceFrame {
+                    name: stem(&exposure.image),
+                    file: folder.join("screens").join(&screen.file),
+                    exposure_ratio: screen.exposure_ratio,
+                    exposure_s: exposure.exposure_s,
+                    planned: [exposure.camera_roll_deg, exposure.mounting],
+                }
+            });
+            return Ok(Self { kind: SequenceKind::Pattern, frames: frames.collect() });
+        }
+        if folder.join("pattern.toml").is_file() {
+            let pattern = Pattern::read(folder, setup)?;
+            let frames = pattern.screens.iter().map(|screen| SequenceFrame {
+                name: stem(&screen.file),
+                file: folder.join("screens").join(&screen.file),
+                exposure_ratio: screen.exposure_ratio,
+                exposure_s: None,
+                planned: [None; 2],
+            });
+            return Ok(Self { kind: SequenceKind::Pattern, frames: frames.collect() });
+        }
+        let below = folder.join("frames");
+        let frames = if below.is_dir() { below } else { folder.to_path_buf() };
+        let entries = std::fs::read_dir(&frames)
+            .map_err(|error| InputError::new(&frames, format!("cannot be read: {error}")))?;
+        let mut files: Vec<PathBuf> = entries
+            .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+            .filter(|path| path.extension().is_some_and(|extension| extension == "png"))
+            .collect();
+        files.sort();
+        if files.is_empty() {
+            return Err(InputError::new(&frames, "holds nothing to show").expected(
+                "a pattern (`retina pattern`), a plan (`retina decide`), frames (`retina render`) or PNG files",
+            ));
+        }
+        let frames = files.into_iter().map(|file| SequenceFrame {
+            name: file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
+            file,
+            exposure_ratio: 1.0,
+            exposure_s: None,
+            planned: [None; 2],
+        });
+        Ok(Self { kind: SequenceKind::Frames, frames: frames.collect() })
+    }
+}
+
+impl SequenceFrame {
+    /// Its screen image.
+    ///
+    /// # Errors
+    /// The file does not read.
+    pub fn image(&self) -> Result<ScreenImage, LabError> {
+        Ok(read_screen(&self.file)?)
+    }
+}
