@@ -89,14 +89,18 @@ pub trait LabCamera {
     fn take(&mut self) -> Result<Taken, LabError>;
 }
 
-/// Opens a camera. `bench` is the virtual bench in this process, where it is asked for.
+/// Opens a camera that gives counts of `bits`. `bench` is the virtual bench in this process, where it is asked for.
 ///
 /// # Errors
 /// There is no such camera, or another program uses it.
-pub fn open_camera(spec: &CameraSpec, bench: Option<BenchCamera>) -> Result<Box<dyn LabCamera>, LabError> {
+pub fn open_camera(
+    spec: &CameraSpec,
+    bits: u32,
+    bench: Option<BenchCamera>,
+) -> Result<Box<dyn LabCamera>, LabError> {
     Ok(match (spec, bench) {
-        (CameraSpec::Folder(folder), _) => Box::new(folder::FolderCamera::open(folder)?),
-        (CameraSpec::Command(command), _) => Box::new(command::CommandCamera::open(command)?),
+        (CameraSpec::Folder(folder), _) => Box::new(folder::FolderCamera::open(folder, bits)?),
+        (CameraSpec::Command(command), _) => Box::new(command::CommandCamera::open(command, bits)?),
         (CameraSpec::Bench, Some(bench)) => Box::new(bench::InProcess::new(bench)),
         (CameraSpec::Bench, None) => {
             return Err(InputError::new(Path::new("--camera"), "the bench photographs its own screen")
@@ -105,7 +109,7 @@ pub fn open_camera(spec: &CameraSpec, bench: Option<BenchCamera>) -> Result<Box<
                 .into());
         }
         #[cfg(feature = "aravis")]
-        (CameraSpec::Aravis(name), _) => Box::new(aravis::AravisCamera::open(name.as_deref())?),
+        (CameraSpec::Aravis(name), _) => Box::new(aravis::AravisCamera::open(name.as_deref(), bits)?),
         #[cfg(not(feature = "aravis"))]
         (CameraSpec::Aravis(_), _) => {
             return Err(InputError::new(Path::new("--camera"), "this program was built without Aravis")

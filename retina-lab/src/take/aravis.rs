@@ -43,11 +43,13 @@ pub(super) struct AravisCamera {
     stream: Stream,
     name: String,
     settings: CameraSettings,
+    /// Bits of the setup's counts.
+    bits: u32,
     running: bool,
 }
 
 impl AravisCamera {
-    pub(super) fn open(name: Option<&str>) -> Result<Self, LabError> {
+    pub(super) fn open(name: Option<&str>, bits: u32) -> Result<Self, LabError> {
         let asked = name.unwrap_or("the first camera found").to_owned();
         let refused = |error: aravis::glib::Error| LabError::Camera {
             camera: asked.clone(),
@@ -71,9 +73,11 @@ impl AravisCamera {
             problem: format!("refuses a software trigger: {}", error.message()),
         };
         let formats = camera.dup_available_pixel_formats_as_strings().map_err(failed)?;
-        let known =
+        let available =
             |(wanted, ..): &&(&str, PixelFormat, u32)| formats.iter().any(|found| found.as_str() == *wanted);
-        let Some((format, ..)) = FORMATS.iter().find(known) else {
+        // The setup's own counts where the camera sends them; otherwise as many bits as there are.
+        let own = FORMATS.iter().filter(|(.., format_bits)| *format_bits == bits).find(available);
+        let Some((format, ..)) = own.or_else(|| FORMATS.iter().find(available)) else {
             let list: Vec<&str> = formats.iter().map(|found| found.as_str()).collect();
             return Err(LabError::Camera {
                 camera: name,
@@ -89,7 +93,7 @@ impl AravisCamera {
             stream.push_buffer(Buffer::new_allocate(payload));
         }
         let settings = CameraSettings { exposure_s: 0.01, gain_db: 0.0 };
-        Ok(Self { camera, stream, name, settings, running: false })
+        Ok(Self { camera, stream, name, settings, bits, running: false })
     }
 
     fn failed(&self, what: &str, error: &aravis::glib::Error) -> LabError {
@@ -130,6 +134,13 @@ impl AravisCamera {
                 camera: self.name.clone(),
                 problem: format!("sent {} pixels of {width} x {height}", values.len()),
             });
+        }
+        let (mut values, mut bits) = (values, bits);
+        let step = f32::from(1u16 << (16 - self.bits.min(16)));
+        if bits == 16 && step > 1.0 && values.iter().all(|value| value % step == 0.0) {
+            // The sensor's counts, shifted up to fill 16 bits.
+            values.iter_mut().for_each(|value| *value /= step);
+            bits = self.bits;
         }
         Ok(CameraImage {
             width_px: width as u32,

@@ -15,16 +15,17 @@ pub(super) struct CommandCamera {
     folder: TempDir,
     settings: CameraSettings,
     start: Instant,
+    bits: u32,
 }
 
 impl CommandCamera {
-    pub(super) fn open(command: &str) -> Result<Self, LabError> {
+    pub(super) fn open(command: &str, bits: u32) -> Result<Self, LabError> {
         let folder = tempfile::tempdir().map_err(|error| LabError::Command {
             command: command.into(),
             problem: format!("has no temporary folder for its images: {error}"),
         })?;
         let settings = CameraSettings { exposure_s: 0.01, gain_db: 0.0 };
-        Ok(Self { command: command.into(), folder, settings, start: Instant::now() })
+        Ok(Self { command: command.into(), folder, settings, start: Instant::now(), bits })
     }
 
     fn failed(&self, problem: impl Into<String>) -> LabError {
@@ -66,7 +67,7 @@ impl LabCamera for CommandCamera {
                 written.len()
             )));
         };
-        let image = CameraImage::read(file, ReadOptions::default())?;
+        let image = CameraImage::read(file, ReadOptions { bits: Some(self.bits), ..ReadOptions::default() })?;
         std::fs::remove_file(file)
             .map_err(|error| self.failed(format!("its image cannot be removed: {error}")))?;
         Ok(Taken { image, time_s, exposure_s: self.settings.exposure_s, temperature_c: None, lost: 0 })

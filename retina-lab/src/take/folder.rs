@@ -20,12 +20,18 @@ pub(super) struct FolderCamera {
     seen: BTreeSet<PathBuf>,
     exposure_s: f64,
     start: Instant,
+    bits: u32,
 }
 
 impl FolderCamera {
-    pub(super) fn open(folder: &Path) -> Result<Self, LabError> {
-        let mut camera =
-            Self { folder: folder.into(), seen: BTreeSet::new(), exposure_s: 0.0, start: Instant::now() };
+    pub(super) fn open(folder: &Path, bits: u32) -> Result<Self, LabError> {
+        let mut camera = Self {
+            folder: folder.into(),
+            seen: BTreeSet::new(),
+            exposure_s: 0.0,
+            start: Instant::now(),
+            bits,
+        };
         camera.seen = camera.files()?;
         Ok(camera)
     }
@@ -78,7 +84,8 @@ impl LabCamera for FolderCamera {
         self.seen = self.files()?;
         let time_s = self.start.elapsed().as_secs_f64();
         let file = self.next()?;
-        let image = CameraImage::read(&file, ReadOptions::default())?;
+        let image =
+            CameraImage::read(&file, ReadOptions { bits: Some(self.bits), ..ReadOptions::default() })?;
         Ok(Taken { image, time_s, exposure_s: self.exposure_s, temperature_c: None, lost: 0 })
     }
 }

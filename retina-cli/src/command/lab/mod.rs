@@ -163,7 +163,7 @@ impl DeviceArguments {
             None
         };
         // The camera first: no frame is shown that nobody could see.
-        let camera = open_camera(&camera, bench)?;
+        let camera = open_camera(&camera, setup.camera.bits, bench)?;
         let screen = open_screen(&screen, size_px, &shared)?;
         for remark in screen.remarks() {
             tell!("warning: screen {}: {remark}", self.screen);
