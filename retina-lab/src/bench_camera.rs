@@ -7,7 +7,7 @@ use retina_bench::{Bench, Exposure, ExposurePose, OpticsDetail, ScreenImage};
 use retina_campaign::{Facility, TemperatureProfile};
 use retina_gige::{CameraInfo, Imager, Knob, Shot};
 
-use crate::{LabError, ScreenView};
+use crate::{LabError, ScreenView, Screw, Turns};
 
 /// Time between two looks at the screen during an exposure, s: a refresh of 60 Hz.
 const REFRESH_S: f64 = 1.0 / 60.0;
@@ -23,32 +23,6 @@ pub struct BenchCameraOptions {
     pub detail: OpticsDetail,
 }
 
-/// The screws of a bench: what a person in the laboratory turns.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Screw {
-    ScreenTiltX,
-    ScreenTiltY,
-    ScreenShiftX,
-    ScreenShiftY,
-    ScreenTurn,
-    ScreenFocus,
-    CameraPointingX,
-    CameraPointingY,
-    CameraRoll,
-}
-
-const SCREWS: [(Screw, &str, &str, f64); 9] = [
-    (Screw::ScreenTiltX, "Turns the screen: its +x side away from the lenses", "deg", 5.0),
-    (Screw::ScreenTiltY, "Turns the screen: its +y side away from the lenses", "deg", 5.0),
-    (Screw::ScreenShiftX, "Moves the screen along +x", "mm", 2.0),
-    (Screw::ScreenShiftY, "Moves the screen along +y", "mm", 2.0),
-    (Screw::ScreenTurn, "Turns the screen about the axis, from +x towards +y", "deg", 5.0),
-    (Screw::ScreenFocus, "Moves the screen away from the lenses", "mm", 2.0),
-    (Screw::CameraPointingX, "Points the camera towards +x", "deg", 5.0),
-    (Screw::CameraPointingY, "Points the camera towards +y", "deg", 5.0),
-    (Screw::CameraRoll, "Rolls the camera about its boresight", "deg", 10.0),
-];
-
 /// A setup with effects as a camera.
 pub struct BenchCamera {
     facility: Facility,
@@ -56,7 +30,7 @@ pub struct BenchCamera {
     view: Box<dyn ScreenView>,
     bench: Bench,
     /// The turns of the screws that the bench was built with.
-    turned: Vec<f64>,
+    turned: Turns,
     start: Instant,
     light: Option<Light>,
 }
@@ -90,18 +64,25 @@ impl BenchCamera {
         options: BenchCameraOptions,
     ) -> Result<Self, LabError> {
         let bench = facility.bench(options.detail)?;
-        let turned = vec![0.0; SCREWS.len()];
-        Ok(Self { facility, options, view, bench, turned, start: Instant::now(), light: None })
+        Ok(Self {
+            facility,
+            options,
+            view,
+            bench,
+            turned: Turns::default(),
+            start: Instant::now(),
+            light: None,
+        })
     }
 
     /// What the camera says of itself.
     pub fn info(&self, serial: &str) -> CameraInfo {
         let camera = &self.facility.setup.camera;
-        let knob = |(screw, meaning, unit, most): &(Screw, &str, &str, f64)| Knob {
-            name: format!("{screw:?}"),
-            meaning: (*meaning).into(),
-            unit: (*unit).into(),
-            range: [-most, *most],
+        let knob = |screw: Screw| Knob {
+            name: screw.name(),
+            meaning: screw.meaning().into(),
+            unit: screw.unit().into(),
+            range: [-screw.range(), screw.range()],
             value: 0.0,
         };
         CameraInfo {
@@ -112,33 +93,19 @@ impl BenchCamera {
             bits: camera.bits,
             offset_dn: self.facility.setup.noise.offset_dn.clamp(0.0, 65535.0) as u16,
             longest_exposure_s: LONGEST_EXPOSURE_S,
-            knobs: SCREWS.iter().map(knob).collect(),
+            knobs: Screw::ALL.into_iter().map(knob).collect(),
         }
     }
 
     /// The bench with its screws turned.
-    fn turn(&mut self, turned: &[f64]) -> Result<(), LabError> {
+    fn turn(&mut self, turned: Turns) -> Result<(), LabError> {
         if self.turned == turned {
             return Ok(());
         }
         let mut facility = self.facility.clone();
-        let (screen, wrong) = (&mut facility.wrong.screen.clone(), &mut facility.wrong);
-        for ((screw, ..), value) in SCREWS.iter().zip(turned) {
-            match screw {
-                Screw::ScreenTiltX => screen.tilt_rad[0] += value.to_radians(),
-                Screw::ScreenTiltY => screen.tilt_rad[1] += value.to_radians(),
-                Screw::ScreenShiftX => screen.shift_mm[0] += value,
-                Screw::ScreenShiftY => screen.shift_mm[1] += value,
-                Screw::ScreenTurn => screen.turn_rad += value.to_radians(),
-                Screw::ScreenFocus => screen.focus_mm += value,
-                Screw::CameraPointingX => wrong.pointing_rad[0] += value.to_radians(),
-                Screw::CameraPointingY => wrong.pointing_rad[1] += value.to_radians(),
-                Screw::CameraRoll => wrong.camera_roll_rad += value.to_radians(),
-            }
-        }
-        wrong.screen = *screen;
+        turned.apply(&mut facility.wrong);
         self.bench = facility.bench(self.options.detail)?;
-        self.turned = turned.to_vec();
+        self.turned = turned;
         self.light = None;
         Ok(())
     }
@@ -178,7 +145,7 @@ impl BenchCamera {
 
     /// Digital counts of an exposure that begins now.
     pub(crate) fn take(&mut self, shot: &Shot) -> Result<Vec<u16>, LabError> {
-        self.turn(&shot.knobs)?;
+        self.turn(Turns::from_slice(&shot.knobs))?;
         let (time_s, temperature_c) = self.clock();
         let screens = self.watch(shot.exposure_s)?;
         let pose = self.facility.dynamics.pose(

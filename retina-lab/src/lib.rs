@@ -4,9 +4,11 @@
 //! - [`LabCamera`]: takes an image when it is told to: GenICam cameras by Aravis, a folder, a command, the virtual bench.
 //! - [`capture`]: shows a [`Sequence`] and photographs it, resumable; [`calibrate_geometry`]: pattern, images, fit and
 //!   check in one piece.
+//! - [`Aligner`]: the bench's misalignment as a number for each [`Screw`], round by round.
 //! - [`BenchCamera`]: the virtual bench as a camera that photographs a [`ScreenView`], what a screen shows at this
 //!   moment, in its own time. `retina_gige` puts it on the network.
 
+mod align;
 mod bench_camera;
 mod calibrate;
 mod capture;
@@ -14,18 +16,21 @@ mod devices;
 mod error;
 mod exposure;
 mod run_command;
+mod screws;
 mod sequence;
 mod show;
 mod take;
 mod view;
 mod x11;
 
+pub use align::{AlignOptions, Aligner, Alignment, Estimate};
 pub use bench_camera::{BenchCamera, BenchCameraOptions};
 pub use calibrate::{LabCalibrated, LabCalibration, Step, calibrate_geometry};
 pub use capture::{CaptureOptions, Captured, capture};
 pub use devices::{FoundCamera, FoundScreen, find_cameras, find_screens};
 pub use error::LabError;
 pub use exposure::find_exposure;
+pub use screws::{Screw, Turns};
 pub use sequence::{Sequence, SequenceFrame, SequenceKind};
 pub use show::{BenchScreen, Screen, ScreenSpec, open_screen};
 pub use take::{CameraSettings, CameraSpec, LabCamera, Taken, open_camera};

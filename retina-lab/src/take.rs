@@ -12,7 +12,7 @@ use std::str::FromStr;
 use retina_files::InputError;
 use retina_image::CameraImage;
 
-use crate::{BenchCamera, LabError};
+use crate::{BenchCamera, LabError, Turns};
 
 #[cfg(feature = "aravis")]
 pub(crate) use aravis::find as find_aravis;
@@ -87,6 +87,17 @@ pub trait LabCamera {
     /// # Errors
     /// The camera is gone, or its images do not arrive whole.
     fn take(&mut self) -> Result<Taken, LabError>;
+
+    /// Turns the screws of the bench in front of it, by so much more. Virtual benches have such a motor.
+    ///
+    /// # Errors
+    /// It has none.
+    fn turn(&mut self, _by: &Turns) -> Result<(), LabError> {
+        Err(LabError::Camera {
+            camera: self.name(),
+            problem: "has no motors at the bench's screws. Turn them by hand: leave --turn out".into(),
+        })
+    }
 }
 
 /// Opens a camera that gives counts of `bits`. `bench` is the virtual bench in this process, where it is asked for.

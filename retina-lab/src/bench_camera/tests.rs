@@ -49,7 +49,7 @@ fn camera(images: Vec<(f64, Arc<ScreenImage>)>) -> BenchCamera {
 }
 
 fn shot(exposure_s: f64) -> Shot {
-    Shot { number: 3, exposure_s, gain: 1.0, knobs: vec![0.0; SCREWS.len()] }
+    Shot { number: 3, exposure_s, gain: 1.0, knobs: vec![0.0; Screw::ALL.len()] }
 }
 
 /// Light of the spot in a range of columns: digital counts above their median within 8 px of the brightest.

@@ -7,7 +7,7 @@ use aravis::{AcquisitionMode, Aravis, Buffer, BufferStatus, Camera, PixelFormat,
 use retina_image::{CameraImage, Steps};
 
 use super::{CameraSettings, LabCamera, Taken};
-use crate::{FoundCamera, LabError};
+use crate::{FoundCamera, LabError, Screw, Turns};
 
 /// How often an image that came torn, or not at all, is taken again.
 const MOST_LOST: u32 = 5;
@@ -232,6 +232,23 @@ impl LabCamera for AravisCamera {
                 MOST_LOST + 1
             ),
         })
+    }
+
+    fn turn(&mut self, by: &Turns) -> Result<(), LabError> {
+        for screw in Screw::ALL.into_iter().filter(|&screw| by.get(screw) != 0.0) {
+            let name = screw.name();
+            if !matches!(self.camera.is_feature_available(&name), Ok(true)) {
+                return Err(LabError::Camera {
+                    camera: self.name.clone(),
+                    problem: format!("has no feature {name}. Turn the screws by hand: leave --turn out"),
+                });
+            }
+            let refused =
+                |error: aravis::glib::Error| self.failed(&format!("refuses to turn {name}"), &error);
+            let now = self.camera.float(&name).map_err(refused)?;
+            self.camera.set_float(&name, now + by.get(screw)).map_err(refused)?;
+        }
+        Ok(())
     }
 }
 

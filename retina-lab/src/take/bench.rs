@@ -4,7 +4,7 @@ use retina_gige::Shot;
 use retina_image::{CameraImage, Steps};
 
 use super::{CameraSettings, LabCamera, Taken};
-use crate::{BenchCamera, LabError};
+use crate::{BenchCamera, LabError, Turns};
 
 pub(super) struct InProcess {
     bench: BenchCamera,
@@ -55,5 +55,10 @@ impl LabCamera for InProcess {
             temperature_c: Some(temperature_c),
             lost: 0,
         })
+    }
+
+    fn turn(&mut self, by: &Turns) -> Result<(), LabError> {
+        self.shot.knobs = Turns::from_slice(&self.shot.knobs).and(by).values().to_vec();
+        Ok(())
     }
 }

@@ -1,5 +1,6 @@
 //! `retina lab ...`: real screens and cameras, and the virtual bench in their place.
 
+mod align;
 mod calibrate;
 mod camera;
 mod capture;
@@ -36,6 +37,11 @@ pub(crate) enum Command {
     /// Calibrates the facility in one piece: pattern, images, fit, and a check on fresh points.
     #[command(subcommand)]
     Calibrate(calibrate::Command),
+    /// Says how far each screw of the bench is off, round by round, while a person turns.
+    ///
+    /// A round photographs one pattern a dozen times. The places and the widths of its spots are compared with those of
+    /// the traced design with its screws turned. Exit code 1 where the bench is not aligned after the last round.
+    Align(align::Arguments),
     /// Makes the virtual bench a GigE Vision camera that photographs a screen.
     ///
     /// Any program that speaks GigE Vision finds it, sets its features and receives its images. It runs until it is
@@ -48,6 +54,7 @@ pub(crate) fn run(command: &Command) -> Result<(), Failure> {
         Command::Devices(arguments) => devices::run(arguments),
         Command::Capture(arguments) => capture::run(arguments),
         Command::Calibrate(command) => calibrate::run(command),
+        Command::Align(arguments) => align::run(arguments),
         Command::Camera(arguments) => camera::run(arguments),
     }
 }

@@ -1,0 +1,169 @@
+//! `retina lab align`.
+
+use std::io::BufRead as _;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+use retina::lab::{AlignOptions, Aligner, Alignment, Screw, Turns};
+use retina_files::InputError;
+use serde_json::{Value, json};
+
+use super::{DeviceArguments, Devices};
+use crate::failure::Failure;
+use crate::output::{print_json, tell};
+use crate::progress::counter;
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    devices: DeviceArguments,
+    /// Who turns the screws: `person` (the command waits for Enter after each round) or `camera` (a virtual bench turns
+    /// its own).
+    #[arg(long, default_value = "person", value_parser = ["person", "camera"])]
+    turn: String,
+    /// Most rounds.
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=100))]
+    rounds: u16,
+    /// The bench is aligned when no angle is larger, deg.
+    #[arg(long, default_value_t = 0.02)]
+    within_deg: f64,
+    /// ... and no length, mm.
+    #[arg(long, default_value_t = 0.02)]
+    within_mm: f64,
+    /// Number of exposures of a round.
+    #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    exposures: u16,
+    /// Folder for the pattern and the spots of each round.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Print a JSON document on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    for (flag, value) in [("--within-deg", arguments.within_deg), ("--within-mm", arguments.within_mm)] {
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(InputError::new(Path::new(flag), "is not a positive number").found(value).into());
+        }
+    }
+    let mut devices = arguments.devices.open()?;
+    let options = AlignOptions {
+        exposures: arguments.exposures.into(),
+        settle_s: devices.capture.settle_s,
+        gain_db: devices.capture.gain_db,
+        first_exposure_s: devices.capture.exposures_s.first().copied().unwrap_or(0.01),
+        ..AlignOptions::default()
+    };
+    let mut aligner = Aligner::new(&devices.setup, options, &arguments.out)?;
+    let mut turned = Turns::default();
+    let mut rounds = Vec::new();
+    let mut aligned = false;
+    for round in 1..=arguments.rounds {
+        let found = measure(&mut aligner, &mut devices, &turned, arguments)?;
+        aligned =
+            found.screws.iter().all(|(screw, estimate)| estimate.value.abs() <= limit(*screw, arguments));
+        show(round, &found, arguments);
+        rounds.push(to_json(&found));
+        if aligned || round == arguments.rounds {
+            break;
+        }
+        turned = found.turn;
+        if arguments.turn == "camera" {
+            devices.camera.turn(&turned)?;
+        } else {
+            wait_for_person(&devices)?;
+        }
+    }
+    if arguments.json {
+        print_json(&json!({"schema": "retina.lab-align/1", "aligned": aligned, "rounds": rounds}))?;
+    }
+    if aligned {
+        tell!("aligned within {} deg and {} mm", arguments.within_deg, arguments.within_mm);
+        return Ok(());
+    }
+    Err(Failure::exceeded(format!("not aligned after {} rounds", rounds.len())))
+}
+
+fn measure(
+    aligner: &mut Aligner,
+    devices: &mut Devices,
+    turned: &Turns,
+    arguments: &Arguments,
+) -> Result<Alignment, Failure> {
+    let bar = counter(0, "exposures");
+    let stop = devices.stop.clone();
+    let found = aligner.round(
+        devices.screen.as_mut(),
+        devices.camera.as_mut(),
+        turned,
+        &arguments.out,
+        &|| stop.load(Ordering::Acquire),
+        |done, of| {
+            bar.set_length(of as u64);
+            bar.set_position(done as u64);
+        },
+    );
+    bar.finish_and_clear();
+    Ok(found?)
+}
+
+fn limit(screw: Screw, arguments: &Arguments) -> f64 {
+    if screw.unit() == "mm" { arguments.within_mm } else { arguments.within_deg }
+}
+
+fn show(round: u16, found: &Alignment, arguments: &Arguments) {
+    tell!(
+        "round {round}: {} points, spots of {:.2} px, {:.3} px from the model",
+        found.points,
+        found.width_px,
+        found.rms_px
+    );
+    for (screw, estimate) in &found.screws {
+        let (unit, name) = (screw.unit(), screw.name());
+        let turn = if estimate.value.abs() <= limit(*screw, arguments) {
+            "good".to_owned()
+        } else {
+            format!("turn by {:+.3} {unit} ({} where positive)", found.turn.get(*screw), screw.meaning())
+        };
+        tell!("  {name:<16} {:+.3} +- {:.3} {unit:<3}  {turn}", estimate.value, estimate.sigma);
+    }
+}
+
+fn to_json(found: &Alignment) -> Value {
+    let screws: serde_json::Map<String, Value> = found
+        .screws
+        .iter()
+        .map(|(screw, estimate)| {
+            let value = json!({
+                "value": estimate.value,
+                "sigma": estimate.sigma,
+                "turn": found.turn.get(*screw),
+                "unit": screw.unit(),
+            });
+            (screw.name(), value)
+        })
+        .collect();
+    json!({
+        "screws": screws,
+        "points": found.points,
+        "width_px": found.width_px,
+        "rms_px": found.rms_px,
+    })
+}
+
+/// The next round begins when the screws are turned.
+fn wait_for_person(devices: &Devices) -> Result<(), Failure> {
+    tell!("turn the screws as said, and press Enter; Ctrl-C and Enter end it");
+    let mut line = String::new();
+    let read = std::io::stdin().lock().read_line(&mut line);
+    if devices.stop.load(Ordering::Acquire) {
+        return Err(Failure::new("interrupted"));
+    }
+    match read {
+        Ok(0) | Err(_) => {
+            Err(Failure::new("nobody says that the screws are turned: standard input has ended"))
+        }
+        Ok(_) => Ok(()),
+    }
+}

@@ -1,0 +1,296 @@
+//! Alignment: the bench's misalignment as numbers for each screw, over and over while a person turns.
+
+mod fit;
+mod spots;
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use glam::DVec2;
+use retina_bench::{Display, ScreenImage};
+use retina_calibration::geometry::{Pattern, PatternOptions};
+use retina_files::{InputError, write_atomic};
+use retina_geometry::Setup;
+
+use crate::{CameraSettings, LabCamera, LabError, Screen, Screw, Turns, find_exposure};
+use fit::{Pair, Slopes};
+use spots::{Spot, model_spots, screen_image, spots_in};
+
+/// A number and its standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// The number.
+    pub value: f64,
+    /// Its standard deviation, as far as the model of the facility holds.
+    pub sigma: f64,
+}
+
+/// How the alignment is measured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AlignOptions {
+    /// Exposures of a round.
+    pub exposures: usize,
+    /// Points of the pattern.
+    pub points: usize,
+    /// Wait after a frame is shown, s.
+    pub settle_s: f64,
+    /// Gain, dB.
+    pub gain_db: f64,
+    /// First trial of the exposure time, s.
+    pub first_exposure_s: f64,
+}
+
+impl Default for AlignOptions {
+    fn default() -> Self {
+        Self { exposures: 12, points: 400, settle_s: 0.05, gain_db: 0.0, first_exposure_s: 0.01 }
+    }
+}
+
+/// What a round found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alignment {
+    /// The misalignment now, by screw. The screen's turn about the axis looks like the camera's roll, and is in it.
+    pub screws: BTreeMap<Screw, Estimate>,
+    /// How far each screw is to be turned next.
+    pub turn: Turns,
+    /// Points that were used.
+    pub points: usize,
+    /// Median width of the spots (standard deviation), camera px.
+    pub width_px: f64,
+    /// RMS of the centroids about the model, camera px an axis.
+    pub rms_px: f64,
+}
+
+/// The screws that are fitted, with the step of their derivatives, deg or mm.
+const FITTED: [(Screw, f64); 8] = [
+    (Screw::ScreenTiltX, 0.1),
+    (Screw::ScreenTiltY, 0.1),
+    (Screw::ScreenShiftX, 0.1),
+    (Screw::ScreenShiftY, 0.1),
+    (Screw::ScreenFocus, 0.05),
+    (Screw::CameraPointingX, 0.1),
+    (Screw::CameraPointingY, 0.1),
+    (Screw::CameraRoll, 0.1),
+];
+/// Steps by which a guess is mended.
+const MOST_STEPS: usize = 6;
+/// The guess is good enough where every screw's step is below this, deg or mm.
+const SMALL_STEP: f64 = 0.01;
+/// The model's derivatives are taken anew where a screw's step is above this, deg or mm.
+const LARGE_STEP: f64 = 0.05;
+/// Fewest points.
+const FEWEST: usize = 50;
+
+/// Measures a bench round by round.
+pub struct Aligner {
+    setup: Setup,
+    options: AlignOptions,
+    pattern: Pattern,
+    image: ScreenImage,
+    exposure_s: Option<f64>,
+    /// How the screws stand, as far as it is known.
+    guess: Turns,
+    round: usize,
+}
+
+impl Aligner {
+    /// Makes the pattern in `folder/pattern`.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn new(setup: &Setup, options: AlignOptions, folder: &Path) -> Result<Self, LabError> {
+        let wanted = PatternOptions {
+            points: options.points,
+            screens: Some(1),
+            // The brightest points have the least noise.
+            counts: vec![255],
+            ..PatternOptions::default()
+        };
+        let pattern = Pattern::make(setup, &wanted)?;
+        pattern.write(&folder.join("pattern"), setup, wanted.seed)?;
+        Ok(Self {
+            setup: setup.clone(),
+            options,
+            image: screen_image(&pattern, setup),
+            pattern,
+            exposure_s: None,
+            guess: Turns::default(),
+            round: 0,
+        })
+    }
+
+    /// Photographs the pattern and says how the bench stands. `turned` is how far the screws were turned since the
+    /// round before. The spots go to `folder/round_NN.csv`. `stop` is asked before each exposure.
+    ///
+    /// # Errors
+    /// A device fails, `stop` says so, or the pattern is not found in the images.
+    pub fn round(
+        &mut self,
+        screen: &mut dyn Screen,
+        camera: &mut dyn LabCamera,
+        turned: &Turns,
+        folder: &Path,
+        stop: &dyn Fn() -> bool,
+        progress: impl FnMut(usize, usize),
+    ) -> Result<Alignment, LabError> {
+        let spots = self.photograph(screen, camera, folder, stop, progress)?;
+        self.guess = self.guess.and(turned);
+        self.round += 1;
+        self.write(&spots, &folder.join(format!("round_{:02}.csv", self.round)))?;
+        let mut widths: Vec<f64> = spots.iter().flatten().map(|spot| spot.variance_px2.sqrt()).collect();
+        widths.sort_by(f64::total_cmp);
+        let mut screws = Vec::new();
+        let (mut points, mut rms_px) = (0, 0.0);
+        let mut slopes = self.slopes()?;
+        for _ in 0..MOST_STEPS {
+            if stop() {
+                return Err(LabError::Interrupted);
+            }
+            let pairs = self.pairs(&spots, &slopes)?;
+            points = pairs.len();
+            let fit = fit::fit(&pairs, &self.guess).filter(|_| points >= FEWEST);
+            let Some(fit) = fit else { return Err(lost(folder, points)) };
+            (screws, rms_px) = (fit.screws, fit.rms_px);
+            let mut largest = 0f64;
+            for (screw, estimate) in &screws {
+                largest = largest.max((estimate.value - self.guess.get(*screw)).abs());
+                self.guess.set(*screw, estimate.value.clamp(-screw.range(), screw.range()));
+            }
+            if largest < SMALL_STEP {
+                break;
+            }
+            if largest > LARGE_STEP {
+                slopes = self.slopes()?;
+            }
+        }
+        let mut alignment = Alignment {
+            screws: BTreeMap::new(),
+            turn: Turns::default(),
+            points,
+            width_px: widths[widths.len() / 2],
+            rms_px,
+        };
+        for (screw, estimate) in screws {
+            alignment.screws.insert(screw, estimate);
+            alignment.turn.set(screw, -estimate.value);
+        }
+        Ok(alignment)
+    }
+
+    /// The pattern's spots, each the mean of the exposures.
+    fn photograph(
+        &mut self,
+        screen: &mut dyn Screen,
+        camera: &mut dyn LabCamera,
+        folder: &Path,
+        stop: &dyn Fn() -> bool,
+        mut progress: impl FnMut(usize, usize),
+    ) -> Result<Vec<Option<Spot>>, LabError> {
+        let settle = || std::thread::sleep(std::time::Duration::from_secs_f64(self.options.settle_s));
+        // Wide spots are dim: the exposure is looked for anew.
+        let trial_s = self.exposure_s.unwrap_or(self.options.first_exposure_s);
+        let gain_db = self.options.gain_db;
+        let exposure_s = find_exposure(screen, camera, &self.image, gain_db, trial_s, &settle)?;
+        self.exposure_s = Some(exposure_s);
+        camera.set(&CameraSettings { exposure_s, gain_db })?;
+        screen.show(&self.image)?;
+        settle();
+        let count = self.pattern.screens[0].points.len();
+        let mut sums: Vec<(DVec2, f64, usize)> = vec![(DVec2::ZERO, 0.0, 0); count];
+        let mut recognised = 0;
+        for exposure in 0..self.options.exposures {
+            progress(exposure, self.options.exposures);
+            if stop() {
+                return Err(LabError::Interrupted);
+            }
+            let image = camera.take()?.image;
+            let Some(spots) = spots_in(&image, &self.pattern, &self.setup) else { continue };
+            recognised += 1;
+            for (sum, spot) in sums.iter_mut().zip(spots) {
+                if let Some(spot) = spot {
+                    *sum = (sum.0 + spot.at_px, sum.1 + spot.variance_px2, sum.2 + 1);
+                }
+            }
+        }
+        if recognised == 0 {
+            return Err(lost(folder, 0));
+        }
+        // A spot that is seen now and then is one that noise or a neighbour disturbs.
+        let mean = |(at, variance, seen): (DVec2, f64, usize)| {
+            let all = seen as f64;
+            (2 * seen > recognised).then(|| Spot { at_px: at / all, variance_px2: variance / all })
+        };
+        Ok(sums.into_iter().map(mean).collect())
+    }
+
+    /// The model's photograph with the screws turned; no spots where it shows nothing that is recognised.
+    fn model(&self, turns: &Turns) -> Result<Vec<Option<Spot>>, LabError> {
+        let spots = model_spots(&self.setup, &self.pattern, &self.image, turns)?;
+        Ok(spots.unwrap_or_else(|| vec![None; self.pattern.screens[0].points.len()]))
+    }
+
+    /// The model's derivatives at the guess, by point; `None` where a point leaves the field.
+    fn slopes(&self) -> Result<Vec<Option<Slopes>>, LabError> {
+        let guess = self.guess;
+        let base = self.model(&guess)?;
+        let mut moved = Vec::with_capacity(FITTED.len());
+        for (screw, step) in FITTED {
+            let mut turns = guess;
+            turns.set(screw, guess.get(screw) + step);
+            moved.push(self.model(&turns)?);
+        }
+        let of = |place: usize| {
+            let base = base[place]?;
+            let mut slopes: Slopes = [(DVec2::ZERO, 0.0); FITTED.len()];
+            for ((slope, (_, step)), moved) in slopes.iter_mut().zip(FITTED).zip(&moved) {
+                let moved = moved[place]?;
+                *slope = ((moved.at_px - base.at_px) / step, (moved.variance_px2 - base.variance_px2) / step);
+            }
+            Some(slopes)
+        };
+        Ok((0..base.len()).map(of).collect())
+    }
+
+    /// Measured spots beside the model's at the guess.
+    fn pairs(&self, seen: &[Option<Spot>], slopes: &[Option<Slopes>]) -> Result<Vec<Pair>, LabError> {
+        let model = self.model(&self.guess)?;
+        let camera = self.setup.camera_pinhole();
+        let display = Display::new(&self.setup, 0);
+        let pair = |place: usize| {
+            let (seen, model, slopes) = (seen[place]?, model[place]?, slopes[place]?);
+            let screen_px = self.pattern.screens[0].points[place].screen_px();
+            Some(Pair {
+                seen,
+                model,
+                slopes,
+                field: camera.line_of_sight(model.at_px),
+                focal_px: camera.fx_px,
+                screen_mm: DVec2::from_array(display.mm(screen_px.to_array())),
+            })
+        };
+        Ok((0..seen.len()).filter_map(pair).collect())
+    }
+
+    fn write(&self, spots: &[Option<Spot>], path: &Path) -> Result<(), LabError> {
+        let mut text = String::from("screen_x_px,screen_y_px,camera_x_px,camera_y_px,variance_px2\n");
+        for (point, spot) in self.pattern.screens[0].points.iter().zip(spots) {
+            let Some(spot) = spot else { continue };
+            let (shown, at) = (point.screen_px(), spot.at_px);
+            let _ = writeln!(text, "{},{},{},{},{}", shown.x, shown.y, at.x, at.y, spot.variance_px2);
+        }
+        write_atomic(path, text.as_bytes())
+            .map_err(|error| InputError::new(path, format!("cannot be written: {error}")).into())
+    }
+}
+
+fn lost(folder: &Path, points: usize) -> LabError {
+    InputError::new(folder, "the pattern is not found in the images, or the model does not follow it")
+        .found(format!("{points} points in common"))
+        .expected(format!("{FEWEST} or more"))
+        .help(
+            "does the camera see the whole screen, nearly in focus? Turn the focus by hand until it sees spots; and does \
+             the setup name the lenses that are there?",
+        )
+        .into()
+}
