@@ -126,13 +126,17 @@ fn commands_and_options_exist() {
                 wrong.push(format!("{}: {command}", file.display()));
                 continue;
             };
-            if let Some(second) =
-                words.get(1).filter(|word| word.chars().all(|c| c.is_ascii_lowercase() || c == '-'))
+            // Subcommands, as deep as there are any.
+            for word in
+                words.iter().skip(1).filter(|word| word.chars().all(|c| c.is_ascii_lowercase() || c == '-'))
             {
-                path.push(second);
+                if !text.contains("\nCommands:") {
+                    break;
+                }
+                path.push(word);
                 match help(&path, &mut known) {
-                    Some(own) if text.contains("\nCommands:") => text = own,
-                    _ => {}
+                    Some(own) => text = own,
+                    None => break,
                 }
             }
             checked += 1;

@@ -212,7 +212,7 @@ impl Control {
 
     /// The bytes at an address.
     fn read(&self, address: u32, count: usize) -> Result<Vec<u8>, Status> {
-        if address % 4 != 0 {
+        if !address.is_multiple_of(4) {
             return Err(Status::BadAlignment);
         }
         let cut = |start: u32, bytes: &[u8]| {
@@ -245,7 +245,7 @@ impl Control {
         now: Instant,
         action: &mut Option<Action>,
     ) -> Result<(), Status> {
-        if address % 4 != 0 {
+        if !address.is_multiple_of(4) {
             return Err(Status::BadAlignment);
         }
         if address == registers::PRIVILEGE {
@@ -260,7 +260,11 @@ impl Control {
         }
         let place = |start: u32| {
             let beyond = address - start;
-            if beyond % STRIDE == 0 { Ok((beyond / STRIDE) as usize) } else { Err(Status::BadAlignment) }
+            if beyond.is_multiple_of(STRIDE) {
+                Ok((beyond / STRIDE) as usize)
+            } else {
+                Err(Status::BadAlignment)
+            }
         };
         if (KNOBS..DESCRIPTION).contains(&address) {
             let place = place(KNOBS)?;

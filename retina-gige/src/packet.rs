@@ -83,7 +83,7 @@ impl Request {
     }
 
     fn command(code: u16, payload: &[u8]) -> Result<Command, Status> {
-        let whole = |size: usize| !payload.is_empty() && payload.len() % size == 0;
+        let whole = |size: usize| !payload.is_empty() && payload.len().is_multiple_of(size);
         let invalid = |good: bool| if good { Ok(()) } else { Err(Status::InvalidHeader) };
         match code {
             DISCOVERY => invalid(payload.is_empty()).map(|()| Command::Discovery),
@@ -99,7 +99,7 @@ impl Request {
             READ_MEMORY => {
                 invalid(payload.len() == 8)?;
                 let bytes = word(&payload[6..]) as usize;
-                if bytes == 0 || bytes % 4 != 0 {
+                if bytes == 0 || !bytes.is_multiple_of(4) {
                     return Err(Status::BadAlignment);
                 }
                 if bytes > MOST_PAYLOAD - 4 {
@@ -109,7 +109,7 @@ impl Request {
             }
             WRITE_MEMORY => {
                 invalid(payload.len() > 4)?;
-                if payload.len() % 4 != 0 {
+                if !payload.len().is_multiple_of(4) {
                     return Err(Status::BadAlignment);
                 }
                 Ok(Command::WriteMemory { address: word(&payload[..4]), bytes: payload[4..].to_vec() })

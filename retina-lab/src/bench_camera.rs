@@ -35,18 +35,19 @@ pub struct BenchCamera {
     light: Option<Light>,
 }
 
+/// A screen, and how long it was seen, s.
+type Look = (Arc<ScreenImage>, f64);
+
 /// What the last exposure's screens made, for exposures of the same.
 struct Light {
-    screens: Vec<(Arc<ScreenImage>, f64)>,
+    screens: Vec<Look>,
     pose: ExposurePose,
     electrons: Vec<f32>,
 }
 
 impl Light {
-    fn is_of(&self, screens: &[(Arc<ScreenImage>, f64)], pose: &ExposurePose) -> bool {
-        let same = |((a, s), (b, t)): (&(Arc<ScreenImage>, f64), &(Arc<ScreenImage>, f64))| {
-            Arc::ptr_eq(a, b) && s == t
-        };
+    fn is_of(&self, screens: &[Look], pose: &ExposurePose) -> bool {
+        let same = |((a, s), (b, t)): (&Look, &Look)| Arc::ptr_eq(a, b) && s == t;
         self.pose == *pose
             && self.screens.len() == screens.len()
             && self.screens.iter().zip(screens).all(same)
@@ -111,9 +112,9 @@ impl BenchCamera {
     }
 
     /// The screens that an exposure sees, and how long it sees each, s. The call lasts as long as the exposure.
-    fn watch(&mut self, exposure_s: f64) -> Result<Vec<(Arc<ScreenImage>, f64)>, LabError> {
+    fn watch(&mut self, exposure_s: f64) -> Result<Vec<Look>, LabError> {
         let start = Instant::now();
-        let mut screens: Vec<(Arc<ScreenImage>, f64)> = Vec::new();
+        let mut screens: Vec<Look> = Vec::new();
         let mut seen_s = 0.0;
         while seen_s < exposure_s {
             let image = self.view.read()?;

@@ -1,7 +1,11 @@
 //! An X11 display: its root window and how its pixels lie in memory.
 
+use std::io::ErrorKind;
+use std::time::Duration;
+
 use retina_bench::ScreenImage;
 use x11rb::connection::Connection as _;
+use x11rb::errors::ConnectError;
 use x11rb::protocol::xproto::{ConnectionExt as _, ImageFormat, ImageOrder, Visualtype, Window};
 use x11rb::rust_connection::RustConnection;
 
@@ -40,6 +44,9 @@ impl PixelLayout {
     }
 }
 
+const TRIALS: usize = 10;
+const BETWEEN_TRIALS: Duration = Duration::from_millis(50);
+
 /// A part of a display, in its pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Area {
@@ -47,6 +54,19 @@ pub(crate) struct Area {
     pub(crate) top: i16,
     pub(crate) width: u16,
     pub(crate) height: u16,
+}
+
+/// Connects. A server that begins anew, as it does when its last client leaves, resets connections for a moment.
+fn connect(name: &str) -> Result<(RustConnection, usize), ConnectError> {
+    for _ in 0..TRIALS {
+        match RustConnection::connect(Some(name)) {
+            Err(ConnectError::IoError(error)) if error.kind() == ErrorKind::ConnectionReset => {
+                std::thread::sleep(BETWEEN_TRIALS);
+            }
+            result => return result,
+        }
+    }
+    RustConnection::connect(Some(name))
 }
 
 /// An open display.
@@ -62,7 +82,7 @@ pub(crate) struct Display {
 impl Display {
     pub(crate) fn open(name: &str) -> Result<Self, LabError> {
         let broken = |problem: String| LabError::Display { display: name.into(), problem };
-        let (connection, number) = RustConnection::connect(Some(name))
+        let (connection, number) = connect(name)
             .map_err(|error| broken(format!("cannot be opened: {error}. Is the X server running?")))?;
         let setup = connection.setup();
         let screen = &setup.roots[number];

@@ -1,4 +1,5 @@
 //! A bench whose misalignment the aligner is not told.
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
 
 use retina_campaign::{Facility, TemperatureProfile};
 use retina_formats::TableKind;

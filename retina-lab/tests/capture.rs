@@ -1,4 +1,5 @@
 //! A sequence on the virtual bench in this process: taken, interrupted, resumed.
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
 
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};

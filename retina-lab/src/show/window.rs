@@ -241,6 +241,8 @@ fn make(
         &[x11rb::protocol::xproto::Rectangle { x: 0, y: 0, width: 1, height: 1 }],
     )?;
     connection.create_cursor(cursor, mask, mask, 0, 0, 0, 0, 0, 0, 0, 0)?;
+    // The pointer must not light the screen, neither now nor when the window is gone.
+    connection.change_window_attributes(display.root, &ChangeWindowAttributesAux::new().cursor(cursor))?;
     let window = connection.generate_id()?;
     let attributes = CreateWindowAux::new().background_pixel(0).override_redirect(1).cursor(cursor);
     connection
