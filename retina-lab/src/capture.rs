@@ -193,7 +193,8 @@ impl Folder {
         let own = format!("{}\n", hash_bytes(text.as_bytes()));
         let mark = out.join(MADE_FROM);
         if mark.exists() {
-            if retina_files::read_text(&mark)? != own {
+            // Where nothing was taken yet, other options are welcome.
+            if out.join(LOG).exists() && retina_files::read_text(&mark)? != own {
                 return Err(InputError::new(
                     out,
                     "holds images of another sequence, or taken with other options",
