@@ -28,7 +28,7 @@ fn setup() -> Setup {
         [camera]\nwidth_px = 2048\nheight_px = 1536\npixel_um = 3.45\nfocal_mm = 25.0\nf_number = 2.8\nbits = 12\n\
         [facility]\nobserved_rows_px = 1200\n\
         [response]\ngamma = 2.2\nbrightest_magnitude = -1.44\n\
-        [noise]\njitter_arcsec = 0.0\n";
+        [noise]\njitter_arcsec = 0.0\nhot_pixels = 0.0\n";
     Setup::parse(text, "setup.toml".as_ref()).unwrap()
 }
 
@@ -79,7 +79,7 @@ fn the_same_exposure_of_the_same_screen_has_the_same_bytes_and_gain_multiplies()
 #[test]
 fn screens_that_follow_each_other_within_an_exposure_share_its_light() {
     // The second image stands for three quarters of the exposure, as far as a busy machine looks in time.
-    let mut camera = camera(vec![(0.0, point(760, 25)), (0.5, point(1160, 25))]);
+    let mut camera = camera(vec![(0.0, point(760, 18)), (0.5, point(1160, 18))]);
     let dn = camera.take(&shot(2.0)).unwrap();
     let [first, second] = [light(&dn, 400..1024), light(&dn, 1024..1648)];
     assert!(first > 0.0 && (1.5..6.0).contains(&(second / first)), "{first} {second}");
