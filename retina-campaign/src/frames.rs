@@ -45,8 +45,11 @@ pub fn well_exposed_s(bench: &Bench, screen: &ScreenImage) -> Result<Option<f64>
     Ok((peak > 0.0).then(|| 0.6 * bench.sensor().full_well_e() / peak))
 }
 
-/// The screen images of a folder, by name.
-fn screens_of(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
+/// The screen images of a folder by name: PNG files in it, or in its `frames/`.
+///
+/// # Errors
+/// It cannot be read, or holds none.
+pub fn screens_of(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
     let below = folder.join("frames");
     let folder = if below.is_dir() { below } else { folder.to_path_buf() };
     let entries = std::fs::read_dir(&folder)
@@ -81,6 +84,14 @@ pub fn read_screen(path: &Path) -> Result<ScreenImage, InputError> {
     let rgb = image.to_rgb8();
     let (width_px, height_px) = rgb.dimensions();
     Ok(ScreenImage { width_px, height_px, counts: rgb.pixels().map(|pixel| pixel.0).collect() })
+}
+
+/// What an image of a screen is compared with: the linear EXR beside a rendered screen image where there is one, else the
+/// screen image itself, by its absolute path.
+pub fn predicted_by(screen: &Path) -> PathBuf {
+    let radiance = screen.with_extension("exr");
+    let predicted = if radiance.exists() { radiance } else { screen.to_path_buf() };
+    std::path::absolute(&predicted).unwrap_or(predicted)
 }
 
 /// What decides an image besides its screen and its number: a folder of images is finished by the same only.
@@ -145,12 +156,9 @@ pub fn simulate_frames(
             let frame = bench.expose(&read_screen(file)?, &exposure)?;
             camera_image(&bench, frame).write_png(&target)?;
         }
-        let radiance = file.with_extension("exr");
-        let predicted = if radiance.exists() { radiance } else { file.clone() };
-        let predicted = std::path::absolute(&predicted).unwrap_or(predicted);
         list.push_str(&format!(
             "{},images/{},{time_s},{temperature_c},{exposure_s}\n",
-            predicted.display(),
+            predicted_by(file).display(),
             name.to_string_lossy()
         ));
         progress(index + 1, files.len());

@@ -19,8 +19,12 @@ mod stars;
 
 pub use effects::{Effect, EffectKind, known_effects};
 pub use facility::{Dynamics, Facility, TemperatureProfile};
-pub use frames::{FramesOptions, FramesResult, read_screen, simulate_frames, well_exposed_s};
-pub use points::{PointsOptions, PointsResult, camera_image, saturation_dn, simulate_plan, simulate_points};
+pub use frames::{
+    FramesOptions, FramesResult, predicted_by, read_screen, screens_of, simulate_frames, well_exposed_s,
+};
+pub use points::{
+    PointsOptions, PointsResult, camera_image, saturation_dn, screen_image, simulate_plan, simulate_points,
+};
 pub use power::{PowerOptions, simulate_power};
 pub use record::PointsRecord;
 pub use sky::{Comparison, SkyObject, SkyOptions, SkyResult, Spot, compare_with_sky};

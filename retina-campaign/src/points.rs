@@ -271,7 +271,7 @@ pub fn saturation_dn(bench: &Bench) -> f32 {
 }
 
 /// A screen of a pattern as the display takes it.
-fn screen_image(screen: &PatternScreen, width_px: u32, height_px: u32) -> ScreenImage {
+pub fn screen_image(screen: &PatternScreen, width_px: u32, height_px: u32) -> ScreenImage {
     let mut image = ScreenImage::dark(width_px, height_px);
     for point in &screen.points {
         image.set(point.column, point.row, screen.channel.counts(point.digital_count));

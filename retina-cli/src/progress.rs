@@ -79,3 +79,9 @@ pub(crate) fn counter(length: u64, unit: &str) -> ProgressBar {
     bar.enable_steady_tick(Duration::from_millis(500));
     bar
 }
+
+/// Sets a bar of [`counter`] to `done` of `of`, where the whole is known only on the way.
+pub(crate) fn advance(bar: &ProgressBar, done: usize, of: usize) {
+    bar.set_length(of as u64);
+    bar.set_position(done as u64);
+}

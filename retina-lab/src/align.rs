@@ -10,12 +10,13 @@ use std::path::Path;
 use glam::DVec2;
 use retina_bench::{Display, ScreenImage};
 use retina_calibration::geometry::{Pattern, PatternOptions};
+use retina_campaign::screen_image;
 use retina_files::{InputError, write_atomic};
 use retina_geometry::Setup;
 
 use crate::{CameraSettings, LabCamera, LabError, Screen, Screw, Turns, find_exposure};
 use fit::{Pair, Slopes};
-use spots::{Spot, model_spots, screen_image, spots_in};
+use spots::{Spot, model_spots, spots_in};
 
 /// A number and its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -112,7 +113,7 @@ impl Aligner {
         Ok(Self {
             setup: setup.clone(),
             options,
-            image: screen_image(&pattern, setup),
+            image: screen_image(&pattern.screens[0], setup.screen.width_px, setup.screen.height_px),
             pattern,
             exposure_s: None,
             guess: Turns::default(),

@@ -144,19 +144,20 @@ impl BenchCamera {
         (time_s, self.options.temperature.at_c(time_s))
     }
 
+    /// How the mount has moved: along the facility's axes, whatever the camera's roll and its screw.
+    fn pose(&self, time_s: f64, temperature_c: f64, number: u64) -> ExposurePose {
+        let screw_rad = self.turned.get(Screw::CameraRoll).to_radians();
+        let (facility, focal_px) = (&self.facility, self.bench.camera().pinhole.fx_px);
+        let roll_rad = facility.wrong.camera_roll_rad + screw_rad;
+        facility.dynamics.pose(focal_px, roll_rad, time_s, temperature_c, facility.seed, number)
+    }
+
     /// Digital counts of an exposure that begins now.
     pub(crate) fn take(&mut self, shot: &Shot) -> Result<Vec<u16>, LabError> {
         self.turn(Turns::from_slice(&shot.knobs))?;
         let (time_s, temperature_c) = self.clock();
         let screens = self.watch(shot.exposure_s)?;
-        let pose = self.facility.dynamics.pose(
-            self.bench.camera().pinhole.fx_px,
-            self.facility.wrong.camera_roll_rad,
-            time_s,
-            temperature_c,
-            self.facility.seed,
-            shot.number,
-        );
+        let pose = self.pose(time_s, temperature_c, shot.number);
         let exposure = |exposure_s: f64| Exposure { exposure_s, temperature_c, pose, frame: shot.number };
         let known = self.light.take().filter(|light| light.is_of(&screens, &pose));
         let light = match known {

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use retina_bench::ScreenImage;
+use retina_campaign::predicted_by;
 use retina_files::{InputError, Table, hash_bytes, hash_file, write_atomic};
 
 use crate::exposure::find_exposure;
@@ -312,9 +313,7 @@ impl Folder {
                     )
                 }
                 SequenceKind::Frames => {
-                    let radiance = frame.file.with_extension("exr");
-                    let predicted = if radiance.exists() { radiance } else { frame.file.clone() };
-                    let predicted = std::path::absolute(&predicted).unwrap_or(predicted);
+                    let predicted = predicted_by(&frame.file);
                     let measured = &line.image;
                     writeln!(
                         text,

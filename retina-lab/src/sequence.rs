@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use retina_bench::ScreenImage;
 use retina_calibration::geometry::{MeasurementPlan, PLAN_FILE, Pattern};
-use retina_campaign::read_screen;
+use retina_campaign::{read_screen, screens_of};
 use retina_files::InputError;
 use retina_geometry::Setup;
 
@@ -48,8 +48,18 @@ impl Sequence {
     /// files.
     ///
     /// # Errors
-    /// The folder holds none of them.
+    /// The folder holds none of them, or a name that cannot name an image.
     pub fn read(folder: &Path, setup: &Setup) -> Result<Self, InputError> {
+        let sequence = Self::found_in(folder, setup)?;
+        match sequence.frames.iter().find(|frame| !is_plain(&frame.name)) {
+            None => Ok(sequence),
+            Some(frame) => Err(InputError::new(folder, "a frame's name cannot name its image")
+                .found(format!("`{}`", frame.name))
+                .expected("letters, digits, `_`, `-`, `.` and spaces, a letter or digit first")),
+        }
+    }
+
+    fn found_in(folder: &Path, setup: &Setup) -> Result<Self, InputError> {
         let stem = |name: &str| name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned();
         if folder.join(PLAN_FILE).is_file() {
             let plan = MeasurementPlan::read(folder, setup)?;
@@ -67,6 +77,9 @@ impl Sequence {
         }
         if folder.join("pattern.toml").is_file() {
             let pattern = Pattern::read(folder, setup)?;
+            if pattern.screens.is_empty() {
+                return Err(InputError::new(folder, "the pattern has no screens"));
+            }
             let frames = pattern.screens.iter().map(|screen| SequenceFrame {
                 name: stem(&screen.file),
                 file: folder.join("screens").join(&screen.file),
@@ -76,20 +89,9 @@ impl Sequence {
             });
             return Ok(Self { kind: SequenceKind::Pattern, frames: frames.collect() });
         }
-        let below = folder.join("frames");
-        let frames = if below.is_dir() { below } else { folder.to_path_buf() };
-        let entries = std::fs::read_dir(&frames)
-            .map_err(|error| InputError::new(&frames, format!("cannot be read: {error}")))?;
-        let mut files: Vec<PathBuf> = entries
-            .filter_map(|entry| entry.ok().map(|entry| entry.path()))
-            .filter(|path| path.extension().is_some_and(|extension| extension == "png"))
-            .collect();
-        files.sort();
-        if files.is_empty() {
-            return Err(InputError::new(&frames, "holds nothing to show").expected(
-                "a pattern (`retina pattern`), a plan (`retina decide`), frames (`retina render`) or PNG files",
-            ));
-        }
+        let files = screens_of(folder).map_err(|error| {
+            error.expected("a pattern (`retina pattern`), a plan (`retina decide`), frames (`retina render`) or PNG files")
+        })?;
         let frames = files.into_iter().map(|file| SequenceFrame {
             name: file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
             file,
@@ -101,6 +103,12 @@ impl Sequence {
     }
 }
 
+/// Whether a name stays in its folder, and in its cell of a table.
+fn is_plain(name: &str) -> bool {
+    name.starts_with(|c: char| c.is_alphanumeric())
+        && name.chars().all(|c| c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | ' '))
+}
+
 impl SequenceFrame {
     /// Its screen image.
     ///
@@ -108,5 +116,18 @@ impl SequenceFrame {
     /// The file does not read.
     pub fn image(&self) -> Result<ScreenImage, LabError> {
         Ok(read_screen(&self.file)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_plain;
+
+    #[test]
+    fn names_stay_in_their_folder_and_their_cell() {
+        assert!(is_plain("000123") && is_plain("Moon 3_b-1.5"));
+        for wrong in ["", "../x", "a/b", "a,b", "=1", "-1", "a\"b"] {
+            assert!(!is_plain(wrong), "{wrong}");
+        }
     }
 }

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use crate::failure::Failure;
 use crate::output::{print_json, tell};
-use crate::progress::counter;
+use crate::progress::{advance, counter};
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum FormatName {
@@ -63,8 +63,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let bar = counter(0, "frames");
     let made = export(&arguments.folder, &arguments.out, &options, &mut |done, all| {
-        bar.set_length(all as u64);
-        bar.set_position(done as u64);
+        advance(&bar, done, all);
     });
     bar.finish_and_clear();
     let Exported { dir, training, validation, notes } = made?;

@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines, tell};
-use crate::progress::counter;
+use crate::progress::{advance, counter};
 use crate::setup::read_setup;
 
 mod plan;
@@ -360,8 +360,7 @@ fn frames(arguments: &FramesArguments) -> Result<(), Failure> {
     let facility = common.facility(TableKind::Frames, f64::MAX)?;
     let bar = counter(0, "frames");
     let result = simulate_frames(&facility, &options, &common.out, |done, all| {
-        bar.set_length(all as u64);
-        bar.set_position(done as u64);
+        advance(&bar, done, all);
     })?;
     bar.finish_and_clear();
     tell!("{}: {} frames of {:.3e} s", common.out.display(), result.frames, result.exposure_s);

@@ -38,16 +38,6 @@ pub(super) fn spots_in(image: &CameraImage, pattern: &Pattern, setup: &Setup) ->
     Some(spots)
 }
 
-/// The pattern's first screen as the display takes it.
-pub(super) fn screen_image(pattern: &Pattern, setup: &Setup) -> ScreenImage {
-    let mut image = ScreenImage::dark(setup.screen.width_px, setup.screen.height_px);
-    let screen = &pattern.screens[0];
-    for point in &screen.points {
-        image.set(point.column, point.row, screen.channel.counts(point.digital_count));
-    }
-    image
-}
-
 /// The spots that the design would show with its screws turned: the virtual bench's photograph, measured as the
 /// laboratory's are. So the field's curvature, the cut of the windows and the pixels are in both.
 pub(super) fn model_spots(

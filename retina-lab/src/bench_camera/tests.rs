@@ -102,3 +102,16 @@ fn a_screw_moves_the_image() {
     assert!((after - before - expected).abs() < 0.3, "{before} {after} {expected}");
     assert!((centre(&camera.take(&shot(0.01)).unwrap()) - before).abs() < 0.1);
 }
+
+#[test]
+fn a_camera_rolled_by_its_screw_drifts_as_one_that_stands_rolled() {
+    let mut camera = camera(vec![(0.0, point(960, 255))]);
+    camera.facility.dynamics.drift_per_s = [1e-5, 0.0];
+    camera.facility.wrong.camera_roll_rad = 10f64.to_radians();
+    let stands = camera.pose(60.0, 20.0, 0);
+    camera.facility.wrong.camera_roll_rad = 0.0;
+    camera.turned.set(Screw::CameraRoll, 10.0);
+    assert_eq!(camera.pose(60.0, 20.0, 0), stands);
+    camera.turned.set(Screw::CameraRoll, 0.0);
+    assert!((camera.pose(60.0, 20.0, 0).shift_px - stands.shift_px).length() > 0.5);
+}

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use super::{DeviceArguments, Devices};
 use crate::failure::Failure;
 use crate::output::{print_json, tell};
-use crate::progress::counter;
+use crate::progress::{advance, counter};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -99,10 +99,7 @@ fn measure(
         turned,
         &arguments.out,
         &|| stop.load(Ordering::Acquire),
-        |done, of| {
-            bar.set_length(of as u64);
-            bar.set_position(done as u64);
-        },
+        |done, of| advance(&bar, done, of),
     );
     bar.finish_and_clear();
     Ok(found?)

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-use indicatif::ProgressBar;
 use retina::lab::{LabCalibration, Step, calibrate_geometry};
 use retina_calibration::geometry::{PatternOptions, text_summary, to_json};
 use serde_json::json;
@@ -11,7 +10,7 @@ use serde_json::json;
 use super::DeviceArguments;
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines, tell};
-use crate::progress::counter;
+use crate::progress::{advance, counter};
 
 /// Calibrates the facility in one piece.
 #[derive(clap::Subcommand)]
@@ -57,10 +56,6 @@ pub(crate) fn run(command: &Command) -> Result<(), Failure> {
         check_screens: arguments.check_screens.into(),
     };
     let bar = counter(0, "images");
-    let count = |bar: &ProgressBar, done: usize, of: usize| {
-        bar.set_length(of as u64);
-        bar.set_position(done as u64);
-    };
     let stop = devices.stop.clone();
     let done = calibrate_geometry(
         &devices.setup,
@@ -70,7 +65,7 @@ pub(crate) fn run(command: &Command) -> Result<(), Failure> {
         &arguments.out,
         &|| stop.load(Ordering::Acquire),
         |step| match step {
-            Step::Pattern(done, of) | Step::Check(done, of) => count(&bar, done, of),
+            Step::Pattern(done, of) | Step::Check(done, of) => advance(&bar, done, of),
             Step::Fit => bar.suspend(|| tell!("fitting")),
         },
     );

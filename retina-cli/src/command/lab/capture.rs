@@ -9,7 +9,7 @@ use serde_json::json;
 use super::DeviceArguments;
 use crate::failure::Failure;
 use crate::output::{print_json, tell};
-use crate::progress::counter;
+use crate::progress::{advance, counter};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -38,10 +38,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         &devices.capture,
         &arguments.out,
         &|| stop.load(Ordering::Acquire),
-        |done, of| {
-            bar.set_length(of as u64);
-            bar.set_position(done as u64);
-        },
+        |done, of| advance(&bar, done, of),
     );
     bar.finish_and_clear();
     let done = done?;

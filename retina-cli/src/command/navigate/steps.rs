@@ -11,6 +11,7 @@ use retina_files::{InputError, write_atomic};
 
 use crate::failure::Failure;
 use crate::output::tell;
+use crate::progress::advance;
 
 impl From<ExperimentError> for Failure {
     fn from(error: ExperimentError) -> Self {
@@ -66,8 +67,7 @@ impl Watcher for Steps {
 
     fn done(&mut self, done: usize, all: usize) {
         if let Some(bar) = &self.bar {
-            bar.set_length(all as u64);
-            bar.set_position(done as u64);
+            advance(bar, done, all);
             return;
         }
         if self.first == usize::MAX {
