@@ -1,22 +1,21 @@
 //! Alignment: the bench's misalignment as numbers for each screw, over and over while a person turns.
 
 mod fit;
-mod spots;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
 use glam::DVec2;
-use retina_bench::{Display, ScreenImage};
+use retina_bench::{Display, OpticsDetail, ScreenImage};
 use retina_calibration::geometry::{Pattern, PatternOptions};
 use retina_campaign::screen_image;
 use retina_files::{InputError, write_atomic};
 use retina_geometry::Setup;
 
-use crate::{CameraSettings, LabCamera, LabError, Screen, Screw, Turns, find_exposure};
+use crate::spots::{COARSE, FINE, Spot, model_spots, photographed_spots};
+use crate::{LabError, Rig, Screw, Turns, find_exposure};
 use fit::{Pair, Slopes};
-use spots::{Spot, model_spots, spots_in};
 
 /// A number and its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,17 +33,13 @@ pub struct AlignOptions {
     pub exposures: usize,
     /// Points of the pattern.
     pub points: usize,
-    /// Wait after a frame is shown, s.
-    pub settle_s: f64,
-    /// Gain, dB.
-    pub gain_db: f64,
     /// First trial of the exposure time, s.
     pub first_exposure_s: f64,
 }
 
 impl Default for AlignOptions {
     fn default() -> Self {
-        Self { exposures: 12, points: 400, settle_s: 0.05, gain_db: 0.0, first_exposure_s: 0.01 }
+        Self { exposures: 12, points: 400, first_exposure_s: 0.01 }
     }
 }
 
@@ -122,20 +117,24 @@ impl Aligner {
     }
 
     /// Photographs the pattern and says how the bench stands. `turned` is how far the screws were turned since the
-    /// round before. The spots go to `folder/round_NN.csv`. `stop` is asked before each exposure.
+    /// round before. The spots go to `folder/round_NN.csv`.
     ///
     /// # Errors
-    /// A device fails, `stop` says so, or the pattern is not found in the images.
+    /// A device fails, the user wants an end, or the pattern is not found in the images.
     pub fn round(
         &mut self,
-        screen: &mut dyn Screen,
-        camera: &mut dyn LabCamera,
+        rig: &mut Rig<'_>,
         turned: &Turns,
         folder: &Path,
-        stop: &dyn Fn() -> bool,
         progress: impl FnMut(usize, usize),
     ) -> Result<Alignment, LabError> {
-        let spots = self.photograph(screen, camera, folder, stop, progress)?;
+        // Wide spots are dim: the exposure is looked for anew.
+        let trial_s = self.exposure_s.unwrap_or(self.options.first_exposure_s);
+        let exposure_s = find_exposure(rig, &self.image, trial_s)?;
+        self.exposure_s = Some(exposure_s);
+        let (shown, exposures) = ((&self.pattern, &self.image), (self.options.exposures, exposure_s));
+        let spots = photographed_spots(rig, shown, &self.setup, exposures, progress)?;
+        let spots = spots.ok_or_else(|| lost(folder, 0))?;
         self.guess = self.guess.and(turned);
         self.round += 1;
         self.write(&spots, &folder.join(format!("round_{:02}.csv", self.round)))?;
@@ -145,9 +144,7 @@ impl Aligner {
         let (mut points, mut rms_px) = (0, 0.0);
         let mut slopes = self.slopes()?;
         for _ in 0..MOST_STEPS {
-            if stop() {
-                return Err(LabError::Interrupted);
-            }
+            rig.go_on()?;
             let pairs = self.pairs(&spots, &slopes)?;
             points = pairs.len();
             let fit = fit::fit(&pairs, &self.guess).filter(|_| points >= FEWEST);
@@ -179,67 +176,21 @@ impl Aligner {
         Ok(alignment)
     }
 
-    /// The pattern's spots, each the mean of the exposures.
-    fn photograph(
-        &mut self,
-        screen: &mut dyn Screen,
-        camera: &mut dyn LabCamera,
-        folder: &Path,
-        stop: &dyn Fn() -> bool,
-        mut progress: impl FnMut(usize, usize),
-    ) -> Result<Vec<Option<Spot>>, LabError> {
-        let settle = || std::thread::sleep(std::time::Duration::from_secs_f64(self.options.settle_s));
-        // Wide spots are dim: the exposure is looked for anew.
-        let trial_s = self.exposure_s.unwrap_or(self.options.first_exposure_s);
-        let gain_db = self.options.gain_db;
-        let exposure_s = find_exposure(screen, camera, &self.image, gain_db, trial_s, &settle)?;
-        self.exposure_s = Some(exposure_s);
-        camera.set(&CameraSettings { exposure_s, gain_db })?;
-        screen.show(&self.image)?;
-        settle();
-        let count = self.pattern.screens[0].points.len();
-        let mut sums: Vec<(DVec2, f64, usize)> = vec![(DVec2::ZERO, 0.0, 0); count];
-        let mut recognised = 0;
-        for exposure in 0..self.options.exposures {
-            progress(exposure, self.options.exposures);
-            if stop() {
-                return Err(LabError::Interrupted);
-            }
-            let image = camera.take()?.image;
-            let Some(spots) = spots_in(&image, &self.pattern, &self.setup) else { continue };
-            recognised += 1;
-            for (sum, spot) in sums.iter_mut().zip(spots) {
-                if let Some(spot) = spot {
-                    *sum = (sum.0 + spot.at_px, sum.1 + spot.variance_px2, sum.2 + 1);
-                }
-            }
-        }
-        if recognised == 0 {
-            return Err(lost(folder, 0));
-        }
-        // A spot that is seen now and then is one that noise or a neighbour disturbs.
-        let mean = |(at, variance, seen): (DVec2, f64, usize)| {
-            let all = seen as f64;
-            (2 * seen > recognised).then(|| Spot { at_px: at / all, variance_px2: variance / all })
-        };
-        Ok(sums.into_iter().map(mean).collect())
-    }
-
     /// The model's photograph with the screws turned; no spots where it shows nothing that is recognised.
-    fn model(&self, turns: &Turns) -> Result<Vec<Option<Spot>>, LabError> {
-        let spots = model_spots(&self.setup, &self.pattern, &self.image, turns)?;
+    fn model(&self, turns: &Turns, detail: OpticsDetail) -> Result<Vec<Option<Spot>>, LabError> {
+        let spots = model_spots(&self.setup, &self.pattern, &self.image, turns, detail)?;
         Ok(spots.unwrap_or_else(|| vec![None; self.pattern.screens[0].points.len()]))
     }
 
     /// The model's derivatives at the guess, by point; `None` where a point leaves the field.
     fn slopes(&self) -> Result<Vec<Option<Slopes>>, LabError> {
         let guess = self.guess;
-        let base = self.model(&guess)?;
+        let base = self.model(&guess, COARSE)?;
         let mut moved = Vec::with_capacity(FITTED.len());
         for (screw, step) in FITTED {
             let mut turns = guess;
             turns.set(screw, guess.get(screw) + step);
-            moved.push(self.model(&turns)?);
+            moved.push(self.model(&turns, COARSE)?);
         }
         let of = |place: usize| {
             let base = base[place]?;
@@ -255,7 +206,7 @@ impl Aligner {
 
     /// Measured spots beside the model's at the guess.
     fn pairs(&self, seen: &[Option<Spot>], slopes: &[Option<Slopes>]) -> Result<Vec<Pair>, LabError> {
-        let model = self.model(&self.guess)?;
+        let model = self.model(&self.guess, FINE)?;
         let camera = self.setup.camera_pinhole();
         let display = Display::new(&self.setup, 0);
         let pair = |place: usize| {

@@ -11,7 +11,7 @@ use retina_formats::{Calibration, PointsTable, log10_irradiance};
 use retina_geometry::Setup;
 use retina_image::DetectOptions;
 
-use crate::{CaptureOptions, LabCamera, LabError, Screen, Sequence, capture};
+use crate::{CaptureOptions, LabError, Rig, Sequence, capture};
 
 /// What a calibration is to be.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,14 +67,12 @@ pub enum Step {
 /// A device fails; the pattern is not found in the images; the points determine no mapping.
 pub fn calibrate_geometry(
     setup: &Setup,
-    screen: &mut dyn Screen,
-    camera: &mut dyn LabCamera,
+    rig: &mut Rig<'_>,
     options: &LabCalibration,
     out: &Path,
-    stop: &dyn Fn() -> bool,
     mut progress: impl FnMut(Step),
 ) -> Result<LabCalibrated, LabError> {
-    let table = measure(setup, screen, camera, &options.pattern, &options.capture, out, stop, |done, of| {
+    let table = measure(setup, rig, &options.pattern, &options.capture, out, |done, of| {
         progress(Step::Pattern(done, of));
     })?;
     progress(Step::Fit);
@@ -89,7 +87,7 @@ pub fn calibrate_geometry(
         ..options.pattern.clone()
     };
     let folder = out.join("check");
-    let table = measure(setup, screen, camera, &fresh, &options.capture, &folder, stop, |done, of| {
+    let table = measure(setup, rig, &fresh, &options.capture, &folder, |done, of| {
         progress(Step::Check(done, of));
     })?;
     let fresh_arcsec = errors_arcsec(&table, &calibration, setup)?;
@@ -99,12 +97,10 @@ pub fn calibrate_geometry(
 /// Shows a pattern, photographs it and finds its points.
 fn measure(
     setup: &Setup,
-    screen: &mut dyn Screen,
-    camera: &mut dyn LabCamera,
+    rig: &mut Rig<'_>,
     pattern: &PatternOptions,
     options: &CaptureOptions,
     out: &Path,
-    stop: &dyn Fn() -> bool,
     progress: impl FnMut(usize, usize),
 ) -> Result<PointsTable, LabError> {
     let folder = out.join("pattern");
@@ -113,10 +109,15 @@ fn measure(
     }
     let sequence = Sequence::read(&folder, setup)?;
     let taken = out.join("capture");
-    capture(&sequence, screen, camera, options, &taken, stop, progress)?;
+    capture(&sequence, rig, options, &taken, progress)?;
     let (table, _) = points_from_images(&taken.join("images"), &folder, setup, &DetectOptions::default())?;
     table.write(&out.join("points.csv"), setup)?;
     Ok(table)
+}
+
+pub(crate) fn no_inverse(calibration: &Calibration) -> InputError {
+    InputError::new(&calibration.file, "holds no inverse distortion")
+        .help("make the calibration with `retina calibrate geometry`")
 }
 
 /// Angles between where the points are seen and where the calibration says, arcsec, rising.
@@ -126,7 +127,7 @@ fn errors_arcsec(
     setup: &Setup,
 ) -> Result<Vec<f64>, LabError> {
     let Some(inverse) = &calibration.inverse else {
-        return Err(InputError::new(&calibration.file, "holds no inverse distortion").into());
+        return Err(no_inverse(calibration).into());
     };
     let (facility, camera) = (setup.facility_pinhole(), setup.camera_pinhole());
     let response = calibration.screen_response(setup);

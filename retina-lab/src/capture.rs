@@ -5,14 +5,14 @@ use std::fmt::Write as _;
 use std::fs::{File, OpenOptions};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use retina_bench::ScreenImage;
 use retina_campaign::predicted_by;
 use retina_files::{InputError, Table, hash_bytes, hash_file, write_atomic};
 
 use crate::exposure::find_exposure;
-use crate::{CameraSettings, LabCamera, LabError, Screen, Sequence, SequenceKind};
+use crate::{LabError, Rig, Sequence, SequenceKind};
 
 /// Log of a folder of images: a line an image, written when the image is on the disk.
 const LOG: &str = "captures.csv";
@@ -28,17 +28,13 @@ const FIRST_TRIAL_S: f64 = 0.01;
 pub struct CaptureOptions {
     /// Exposure times, s, of frames whose ratio is 1; each frame is taken with each. One is looked for where empty.
     pub exposures_s: Vec<f64>,
-    /// Gain, dB.
-    pub gain_db: f64,
     /// Images of each frame and exposure.
     pub repeats: usize,
-    /// Wait after a frame is shown, s: what the display takes to follow.
-    pub settle_s: f64,
 }
 
 impl Default for CaptureOptions {
     fn default() -> Self {
-        Self { exposures_s: Vec::new(), gain_db: 0.0, repeats: 1, settle_s: 0.05 }
+        Self { exposures_s: Vec::new(), repeats: 1 }
     }
 }
 
@@ -72,31 +68,26 @@ struct Line {
 
 /// Shows each frame and photographs it: `out/images/NAME.png`, listed in `out/images/images.csv` (a pattern) or
 /// `out/frames.csv`, with a log beside. Images that an interrupted run of the same left are kept. The screen is dark at
-/// the end. `stop` is asked before each image; `progress` is told how many of how many are there.
+/// the end. `progress` is told how many of how many are there.
 ///
 /// # Errors
-/// A device fails, a file cannot be written, `stop` says so, or the folder holds images of something else.
+/// A device fails, a file cannot be written, the user wants an end, or the folder holds images of something else.
 pub fn capture(
     sequence: &Sequence,
-    screen: &mut dyn Screen,
-    camera: &mut dyn LabCamera,
+    rig: &mut Rig<'_>,
     options: &CaptureOptions,
     out: &Path,
-    stop: &dyn Fn() -> bool,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Captured, LabError> {
-    let folder = Folder::open(out, sequence, options)?;
+    let folder = Folder::open(out, sequence, options, rig.gain_db)?;
     let _one_at_a_time = folder.lock()?;
     let mut lines = folder.lines()?;
-    let settle = || std::thread::sleep(Duration::from_secs_f64(options.settle_s));
     let exposures_s = match (options.exposures_s.as_slice(), lines.values().next()) {
         // The exposure that an interrupted run found holds for the rest.
         ([], Some(line)) => vec![line.exposure_s / ratio(sequence, line.frame)],
         ([], None) => {
             let frame = &sequence.frames[0];
-            let found =
-                find_exposure(screen, camera, &frame.image()?, options.gain_db, FIRST_TRIAL_S, &settle)?;
-            vec![found / frame.exposure_ratio]
+            vec![find_exposure(rig, &frame.image()?, FIRST_TRIAL_S)? / frame.exposure_ratio]
         }
         (given, _) => given.to_vec(),
     };
@@ -112,18 +103,16 @@ pub fn capture(
                 if lines.contains_key(&image) {
                     continue;
                 }
-                if stop() {
+                if let Err(interrupted) = rig.go_on() {
                     folder.write_table(sequence, &lines)?;
-                    return Err(LabError::Interrupted);
+                    return Err(interrupted);
                 }
                 if !shown {
-                    screen.show(&frame.image()?)?;
-                    settle();
+                    rig.show(&frame.image()?)?;
                     shown = true;
                 }
-                camera.set(&CameraSettings { exposure_s, gain_db: options.gain_db })?;
                 let unix_s = unix_s();
-                let taken = camera.take()?;
+                let taken = rig.take(exposure_s)?;
                 taken.image.write_png(&folder.images.join(&image))?;
                 let first_s =
                     lines.values().map(|line: &Line| line.unix_s - line.time_s).next().unwrap_or(unix_s);
@@ -137,14 +126,14 @@ pub fn capture(
                     temperature_c: taken.temperature_c,
                     lost: taken.lost.into(),
                 };
-                folder.append(&line, repeat, options.gain_db, taken.time_s, screen.verifies())?;
+                folder.append(&line, repeat, rig.gain_db, taken.time_s, rig.screen.verifies())?;
                 lines.insert(image, line);
                 progress(lines.len(), total);
             }
         }
     }
     let size = sequence.frames[0].image()?;
-    screen.show(&ScreenImage::dark(size.width_px, size.height_px))?;
+    rig.screen.show(&ScreenImage::dark(size.width_px, size.height_px))?;
     let table = folder.write_table(sequence, &lines)?;
     Ok(Captured {
         table,
@@ -159,7 +148,7 @@ fn ratio(sequence: &Sequence, frame: usize) -> f64 {
     sequence.frames.get(frame).map_or(1.0, |frame| frame.exposure_ratio)
 }
 
-fn unix_s() -> f64 {
+pub(crate) fn unix_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |time| time.as_secs_f64())
 }
 
@@ -185,9 +174,14 @@ fn failed(path: &Path, error: impl std::fmt::Display) -> LabError {
 
 impl Folder {
     /// Makes the folder, or finds it as an earlier run of the same left it.
-    fn open(out: &Path, sequence: &Sequence, options: &CaptureOptions) -> Result<Self, LabError> {
+    fn open(
+        out: &Path,
+        sequence: &Sequence,
+        options: &CaptureOptions,
+        gain_db: f64,
+    ) -> Result<Self, LabError> {
         let images = out.join("images");
-        let mut text = format!("{options:?}\n");
+        let mut text = format!("{options:?} {gain_db}\n");
         for frame in &sequence.frames {
             let _ = writeln!(text, "{} {:?} {}", frame.name, frame.exposure_s, hash_file(&frame.file)?);
         }

@@ -53,7 +53,7 @@ impl FromStr for ScreenSpec {
 }
 
 /// A screen that frames are shown on. It is dark when it is opened and after it is dropped.
-pub trait Screen {
+pub trait Screen: Send {
     /// Shows a frame; returns when it is there.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use retina_campaign::{Facility, TemperatureProfile};
 use retina_formats::TableKind;
 use retina_geometry::Setup;
 use retina_lab::{
-    AlignOptions, Aligner, BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, Screw, Turns,
+    AlignOptions, Aligner, BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, Rig, Screw, Turns,
     open_camera,
 };
 
@@ -33,11 +33,11 @@ fn a_round_says_how_far_each_screw_is_off() {
     let bench = BenchCamera::new(facility, Box::new(screen.clone()), options).unwrap();
     let mut camera = open_camera(&CameraSpec::Bench, setup.camera.bits, Some(bench)).unwrap();
     let dir = tempfile::tempdir().unwrap();
-    let options = AlignOptions { settle_s: 0.0, exposures: 6, ..AlignOptions::default() };
+    let options = AlignOptions { exposures: 6, ..AlignOptions::default() };
     let mut aligner = Aligner::new(&setup, options, dir.path()).unwrap();
-    let found = aligner
-        .round(&mut screen, camera.as_mut(), &Turns::default(), dir.path(), &|| false, |_, _| {})
-        .unwrap();
+    let mut rig =
+        Rig { screen: &mut screen, camera: camera.as_mut(), settle_s: 0.0, gain_db: 0.0, stop: &|| false };
+    let found = aligner.round(&mut rig, &Turns::default(), dir.path(), |_, _| {}).unwrap();
     for (screw, estimate) in &found.screws {
         let error = estimate.value - truth.get(*screw);
         assert!(error.abs() < 0.03, "{screw:?}: {estimate:?}, truth {}", truth.get(*screw));

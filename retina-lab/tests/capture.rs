@@ -1,8 +1,8 @@
 //! A sequence on the virtual bench in this process: taken, interrupted, resumed.
 #![allow(clippy::unwrap_used, reason = "a test may fail")]
 
+use std::cell::Cell;
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use retina_calibration::geometry::{Pattern, PatternOptions, points_from_images};
 use retina_campaign::{Facility, TemperatureProfile};
@@ -10,7 +10,7 @@ use retina_formats::TableKind;
 use retina_geometry::Setup;
 use retina_image::DetectOptions;
 use retina_lab::{
-    BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, CaptureOptions, LabCamera, LabError,
+    BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, CaptureOptions, LabCamera, LabError, Rig,
     ScreenView as _, Sequence, capture, open_camera,
 };
 
@@ -26,6 +26,14 @@ fn bench() -> (Setup, BenchScreen, Box<dyn LabCamera>) {
     (setup, screen, camera)
 }
 
+fn rig<'a>(
+    screen: &'a mut BenchScreen,
+    camera: &'a mut Box<dyn LabCamera>,
+    stop: &'a dyn Fn() -> bool,
+) -> Rig<'a> {
+    Rig { screen, camera: camera.as_mut(), settle_s: 0.0, gain_db: 0.0, stop }
+}
+
 fn sequence(setup: &Setup, folder: &Path) -> Sequence {
     let options =
         PatternOptions { points: 100, screens: Some(3), counts: vec![255, 200], ..PatternOptions::default() };
@@ -38,19 +46,18 @@ fn an_interrupted_capture_goes_on_and_its_images_calibrate() {
     let dir = tempfile::tempdir().unwrap();
     let (setup, mut screen, mut camera) = bench();
     let sequence = sequence(&setup, &dir.path().join("pattern"));
-    let options = CaptureOptions { repeats: 2, settle_s: 0.0, ..CaptureOptions::default() };
+    let options = CaptureOptions { repeats: 2, ..CaptureOptions::default() };
     let out = dir.path().join("out");
-    let asked = AtomicUsize::new(0);
-    let stop = || asked.fetch_add(1, Ordering::Relaxed) == 4;
-    let cut = capture(&sequence, &mut screen, camera.as_mut(), &options, &out, &stop, |_, _| {});
+    let there = Cell::new(0);
+    let stop = || there.get() == 4;
+    let mut cut = rig(&mut screen, &mut camera, &stop);
+    let cut = capture(&sequence, &mut cut, &options, &out, |done, _| there.set(done));
     assert!(matches!(cut, Err(LabError::Interrupted)));
     // An image whose line is not in the log, as a killed run leaves it, is taken again.
     std::fs::write(out.join("images/002-r0.png"), "torn").unwrap();
     let mut seen = Vec::new();
-    let done = capture(&sequence, &mut screen, camera.as_mut(), &options, &out, &|| false, |done, of| {
-        seen.push((done, of));
-    });
-    let done = done.unwrap();
+    let mut whole = rig(&mut screen, &mut camera, &|| false);
+    let done = capture(&sequence, &mut whole, &options, &out, |done, of| seen.push((done, of))).unwrap();
     assert_eq!((done.skipped, done.taken), (4, 2));
     assert_eq!((seen.first(), seen.last()), (Some(&(4, 6)), Some(&(6, 6))));
     assert!(screen.read().unwrap().counts.iter().all(|counts| *counts == [0; 3]), "the screen is not dark");
@@ -69,6 +76,6 @@ fn an_interrupted_capture_goes_on_and_its_images_calibrate() {
     assert!(times.is_sorted() && times[0] == 0.0);
     // The folder is of this sequence with these options.
     let other = CaptureOptions { repeats: 3, ..options };
-    let refused = capture(&sequence, &mut screen, camera.as_mut(), &other, &out, &|| false, |_, _| {});
+    let refused = capture(&sequence, &mut rig(&mut screen, &mut camera, &|| false), &other, &out, |_, _| {});
     assert!(refused.unwrap_err().to_string().contains("other options"));
 }

@@ -8,8 +8,8 @@ use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
 use glam::DVec2;
 
-use super::spots::Spot;
 use super::{Estimate, FITTED};
+use crate::spots::Spot;
 use crate::{Screw, Turns};
 
 /// What the lenses as built change: scales, distortion (2), factor and summand of the spots' variance, curvature.

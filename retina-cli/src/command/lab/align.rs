@@ -50,8 +50,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut devices = arguments.devices.open()?;
     let options = AlignOptions {
         exposures: arguments.exposures.into(),
-        settle_s: devices.capture.settle_s,
-        gain_db: devices.capture.gain_db,
         first_exposure_s: devices.capture.exposures_s.first().copied().unwrap_or(0.01),
         ..AlignOptions::default()
     };
@@ -92,15 +90,8 @@ fn measure(
     arguments: &Arguments,
 ) -> Result<Alignment, Failure> {
     let bar = counter(0, "exposures");
-    let stop = devices.stop.clone();
-    let found = aligner.round(
-        devices.screen.as_mut(),
-        devices.camera.as_mut(),
-        turned,
-        &arguments.out,
-        &|| stop.load(Ordering::Acquire),
-        |done, of| advance(&bar, done, of),
-    );
+    let found =
+        devices.with(|_, rig| aligner.round(rig, turned, &arguments.out, |done, of| advance(&bar, done, of)));
     bar.finish_and_clear();
     Ok(found?)
 }

@@ -1,7 +1,6 @@
 //! `retina lab calibrate`.
 
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
 
 use retina::lab::{LabCalibration, Step, calibrate_geometry};
 use retina_calibration::geometry::{PatternOptions, text_summary, to_json};
@@ -56,19 +55,12 @@ pub(crate) fn run(command: &Command) -> Result<(), Failure> {
         check_screens: arguments.check_screens.into(),
     };
     let bar = counter(0, "images");
-    let stop = devices.stop.clone();
-    let done = calibrate_geometry(
-        &devices.setup,
-        devices.screen.as_mut(),
-        devices.camera.as_mut(),
-        &options,
-        &arguments.out,
-        &|| stop.load(Ordering::Acquire),
-        |step| match step {
+    let done = devices.with(|setup, rig| {
+        calibrate_geometry(setup, rig, &options, &arguments.out, |step| match step {
             Step::Pattern(done, of) | Step::Check(done, of) => advance(&bar, done, of),
             Step::Fit => bar.suspend(|| tell!("fitting")),
-        },
-    );
+        })
+    });
     bar.finish_and_clear();
     let done = done?;
     let (rms, most) = (done.fresh_rms_arcsec(), done.fresh_quantile_arcsec(0.96));

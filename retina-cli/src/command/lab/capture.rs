@@ -1,7 +1,6 @@
 //! `retina lab capture`.
 
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
 
 use retina::lab::{Sequence, capture};
 use serde_json::json;
@@ -30,16 +29,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let sequence = Sequence::read(&arguments.sequence, &devices.setup)?;
     tell!("{} frames on {} for {}", sequence.frames.len(), arguments.devices.screen, devices.camera.name());
     let bar = counter(0, "images");
-    let stop = devices.stop.clone();
-    let done = capture(
-        &sequence,
-        devices.screen.as_mut(),
-        devices.camera.as_mut(),
-        &devices.capture,
-        &arguments.out,
-        &|| stop.load(Ordering::Acquire),
-        |done, of| advance(&bar, done, of),
-    );
+    let options = devices.capture.clone();
+    let done = devices
+        .with(|_, rig| capture(&sequence, rig, &options, &arguments.out, |done, of| advance(&bar, done, of)));
     bar.finish_and_clear();
     let done = done?;
     tell!(

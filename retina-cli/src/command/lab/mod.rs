@@ -4,15 +4,18 @@ mod align;
 mod calibrate;
 mod camera;
 mod capture;
+mod check;
 mod devices;
+mod latency;
+mod monitor;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use retina::lab::{
-    BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, CaptureOptions, LabCamera, Screen, ScreenSpec,
-    open_camera, open_screen,
+    BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, CaptureOptions, LabCamera, LabError, Rig,
+    Screen, ScreenSpec, open_camera, open_screen,
 };
 use retina_campaign::{Effect, Facility};
 use retina_files::InputError;
@@ -29,6 +32,10 @@ use crate::setup::read_setup;
 pub(crate) enum Command {
     /// Lists the cameras and screens that are there.
     Devices(devices::Arguments),
+    /// Looks a bench over: a card of what is wrong, and what to turn or set.
+    ///
+    /// Dark, flat field, dead pixels, response, refresh, focus, centring, times. Exit code 1 where something is bad.
+    Check(check::Arguments),
     /// Shows a sequence and photographs it.
     ///
     /// The sequence is a pattern (`retina pattern`), a round of `retina decide`, frames (`retina render`), or a folder
@@ -42,6 +49,14 @@ pub(crate) enum Command {
     /// A round photographs one pattern a dozen times. The places and the widths of its spots are compared with those of
     /// the traced design with its screws turned. Exit code 1 where the bench is not aligned after the last round.
     Align(align::Arguments),
+    /// Measures how long a frame takes to the glass, and its light into an image.
+    ///
+    /// Frames are changed in the middle of exposures: the part that sees the new frame tells when its light came.
+    Latency(latency::Arguments),
+    /// Watches whether a calibration still holds, by reference points, round by round.
+    ///
+    /// Exit code 1 where an alarm was raised.
+    Monitor(monitor::Arguments),
     /// Makes the virtual bench a GigE Vision camera that photographs a screen.
     ///
     /// Any program that speaks GigE Vision finds it, sets its features and receives its images. It runs until it is
@@ -52,9 +67,12 @@ pub(crate) enum Command {
 pub(crate) fn run(command: &Command) -> Result<(), Failure> {
     match command {
         Command::Devices(arguments) => devices::run(arguments),
+        Command::Check(arguments) => check::run(arguments),
         Command::Capture(arguments) => capture::run(arguments),
         Command::Calibrate(command) => calibrate::run(command),
         Command::Align(arguments) => align::run(arguments),
+        Command::Latency(arguments) => latency::run(arguments),
+        Command::Monitor(arguments) => monitor::run(arguments),
         Command::Camera(arguments) => camera::run(arguments),
     }
 }
@@ -126,7 +144,28 @@ struct Devices {
     screen: Box<dyn Screen>,
     camera: Box<dyn LabCamera>,
     capture: CaptureOptions,
+    settle_s: f64,
+    gain_db: f64,
     stop: Arc<AtomicBool>,
+}
+
+impl Devices {
+    /// Lends the screen and the camera to what works with both.
+    fn with<T>(
+        &mut self,
+        work: impl FnOnce(&Setup, &mut Rig<'_>) -> Result<T, LabError>,
+    ) -> Result<T, LabError> {
+        let stop = Arc::clone(&self.stop);
+        let stop = || stop.load(Ordering::Acquire);
+        let mut rig = Rig {
+            screen: self.screen.as_mut(),
+            camera: self.camera.as_mut(),
+            settle_s: self.settle_s,
+            gain_db: self.gain_db,
+            stop: &stop,
+        };
+        work(&self.setup, &mut rig)
+    }
 }
 
 impl DeviceArguments {
@@ -178,13 +217,8 @@ impl DeviceArguments {
         if !screen.verifies() {
             tell!("screen {}: frames cannot be read back; they are taken as shown", self.screen);
         }
-        let capture = CaptureOptions {
-            exposures_s: self.exposures_s.clone(),
-            gain_db: self.gain_db,
-            repeats: self.repeats.into(),
-            settle_s,
-        };
-        Ok(Devices { setup, screen, camera, capture, stop })
+        let capture = CaptureOptions { exposures_s: self.exposures_s.clone(), repeats: self.repeats.into() };
+        Ok(Devices { setup, screen, camera, capture, settle_s, gain_db: self.gain_db, stop })
     }
 }
 
