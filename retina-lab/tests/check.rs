@@ -77,7 +77,11 @@ fn the_card_names_what_is_wrong() {
         assert_eq!(finding.mend.is_empty(), grade == Grade::Good, "{finding:?}");
     }
     let value = |what: &str, key: &str| of(what).values.iter().find(|value| value.0 == key).unwrap().1;
-    assert_eq!((value("light on a dark screen", "places"), value("dark specks", "places")), (1.0, 1.0));
+    assert_eq!(
+        (value("light on a dark screen", "places"), value("dark specks", "places")),
+        (1.0, 1.0),
+        "{card:?}"
+    );
     assert!((value("response of the screen", "gamma") - 2.2 * 1.15).abs() < 0.05);
     assert!((0.1..0.16).contains(&value("time to the glass", "wanted_settle_s")));
     for image in ["dark.png", "flat.png", "pattern.png"] {

@@ -121,8 +121,9 @@ impl Light {
 
     /// Evenness of the flat field, and what is dark in it.
     pub(super) fn flat(&self) -> Vec<Finding> {
-        let light: Vec<f32> =
-            self.flat.values.iter().zip(&self.dark.values).map(|(flat, dark)| flat - dark).collect();
+        // Not the dark image itself: where it shines, the difference would be a dark speck.
+        let level = quantile(&self.dark.values, 0.5);
+        let light: Vec<f32> = self.flat.values.iter().map(|flat| flat - level).collect();
         let brightest = f64::from(quantile(&light, 0.99));
         let lit = light.iter().filter(|&&value| f64::from(value) > 0.1 * brightest).count();
         let part = lit as f64 / light.len() as f64;
@@ -210,18 +211,20 @@ impl Light {
                 }
             }
         }
-        let (mut single, mut wide): (Vec<[u32; 2]>, Vec<[u32; 2]>) = (Vec::new(), Vec::new());
-        let near = |a: [usize; 2], b: [usize; 2], most: usize| {
-            a[0].abs_diff(b[0]) <= most && a[1].abs_diff(b[1]) <= most
-        };
-        for &at in &found {
-            let neighbours = found.iter().filter(|&&other| other != at && near(at, other, 1)).count();
-            let place = at.map(|at| at as u32);
-            if neighbours == 0 {
-                single.push(place);
-            } else if !wide.iter().any(|&known| near(known.map(|at| at as usize), at, 2 * REACH)) {
-                wide.push(place);
+        // Pixels that lie near each other are of one speck.
+        let near =
+            |a: [usize; 2], b: [usize; 2]| a[0].abs_diff(b[0]) <= REACH && a[1].abs_diff(b[1]) <= REACH;
+        let mut specks: Vec<Vec<[usize; 2]>> = Vec::new();
+        for at in found {
+            match specks.iter_mut().find(|speck| speck.iter().any(|&known| near(known, at))) {
+                Some(speck) => speck.push(at),
+                None => specks.push(vec![at]),
             }
+        }
+        let (mut single, mut wide) = (Vec::new(), Vec::new());
+        for speck in specks {
+            let middle = speck[speck.len() / 2].map(|at| at as u32);
+            if speck.len() == 1 { single.push(middle) } else { wide.push(middle) }
         }
         (single, wide)
     }
