@@ -71,8 +71,16 @@ pub fn screens_of(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
 /// # Errors
 /// It does not read, or has more than 8 bits.
 pub fn read_screen(path: &Path) -> Result<ScreenImage, InputError> {
+    screen_of_png(path, &read_bytes(path)?)
+}
+
+/// A screen image from a PNG of 8 bits; `path` names it in errors.
+///
+/// # Errors
+/// It is no PNG, or has other depths.
+pub fn screen_of_png(path: &Path, bytes: &[u8]) -> Result<ScreenImage, InputError> {
     let formats = [image::ImageFormat::Png];
-    let image = decode_image(path, "image", &read_bytes(path)?, &formats, MOST_IMAGE_PIXELS)?;
+    let image = decode_image(path, "image", bytes, &formats, MOST_IMAGE_PIXELS)?;
     let deep = !matches!(
         image.color(),
         image::ColorType::L8 | image::ColorType::La8 | image::ColorType::Rgb8 | image::ColorType::Rgba8

@@ -228,13 +228,22 @@ struct Served {
     lines: std::io::Lines<BufReader<std::process::ChildStdout>>,
     sender: UdpSocket,
     client: TcpStream,
+    /// Its first line.
+    ready: Value,
 }
 
 impl Served {
     fn start(arguments: &[&std::ffi::OsStr], frames: &str) -> Self {
+        let served = Self::run(&[&["serve".as_ref()], arguments].concat(), frames);
+        assert_eq!(served.ready["schema"], "retina.serve/1");
+        served.sender.set_read_timeout(Some(std::time::Duration::from_secs(60))).unwrap();
+        served
+    }
+
+    /// Any command that speaks the protocol.
+    fn run(command: &[&std::ffi::OsStr], frames: &str) -> Self {
         let mut server = Command::new(env!("CARGO_BIN_EXE_retina"))
-            .arg("serve")
-            .args(arguments)
+            .args(command)
             .args([
                 "--backend",
                 "cpu",
@@ -253,14 +262,12 @@ impl Served {
             .unwrap();
         let mut lines = BufReader::new(server.stdout.take().unwrap()).lines();
         let ready: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
-        assert_eq!(ready["schema"], "retina.serve/1");
         let address = |key: &str| ready[key].as_str().unwrap().to_owned();
         assert!(address("poses").starts_with("127.0.0.1:"));
         let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
         sender.connect(address("poses")).unwrap();
-        sender.set_read_timeout(Some(std::time::Duration::from_secs(60))).unwrap();
         let client = TcpStream::connect(address("images")).unwrap();
-        Self { server, lines, sender, client }
+        Self { server, lines, sender, client, ready }
     }
 
     fn png(&mut self, datagram: &[u8]) -> Vec<u8> {
@@ -325,6 +332,47 @@ fn a_scene_can_be_served_too() {
 }
 
 /// Sun position, camera, body: 17 big-endian f64.
+/// The virtual bench's photograph of the Moon comes back for a pose, and the loop's table says what it shows.
+#[test]
+fn the_laboratory_answers_poses_with_photographs() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
+    let (scene, setup) = (assets.join("scenarios/lumio.toml"), assets.join("setups/narrow-fov.toml"));
+    let mut command: Vec<&std::ffi::OsStr> = vec!["lab".as_ref(), "loop".as_ref(), scene.as_ref()];
+    command.extend(["--setup".as_ref(), setup.as_os_str(), "--out".as_ref(), out.as_os_str()]);
+    // The Moon 350 000 km away, and a rate that no frame can keep.
+    for word in
+        "--screen bench --camera bench --radiance-scale 0.0175 --scale-m-per-bu 1.75e7 \
+                 --rate-hz 1000"
+            .split_whitespace()
+    {
+        command.push(word.as_ref());
+    }
+    let mut served = Served::run(&command, "1");
+    assert_eq!(served.ready["schema"], "retina.lab-loop/1");
+    let png = served.png(&datagram(&frame(0)));
+    let end = served.end();
+    assert_eq!((&end["frames"], &end["late"]), (&Value::from(1), &Value::from(1)));
+    assert_eq!(png, fs::read(out.join("images/000000.png")).unwrap());
+    let photograph = image::load_from_memory(&png).unwrap().to_luma16();
+    let lit = photograph.pixels().filter(|pixel| pixel.0[0] > 400).count();
+    // Its disc is 0.57 deg or 135 px wide at the focal length of 13 600 px; 85 % of it are lit.
+    assert!((10_000..15_000).contains(&lit), "{:?}: {lit} lit pixels", photograph.dimensions());
+    let table = fs::read_to_string(out.join("loop.csv")).unwrap();
+    let (head, line) = table.trim_end().split_once('\n').unwrap();
+    let column = |name: &str| -> f64 {
+        let place = head.split(',').position(|column| column == name).unwrap();
+        line.split(',').nth(place).unwrap().parse().unwrap()
+    };
+    let distance = ["camera_x_m", "camera_y_m", "camera_z_m"].map(column);
+    let camera = frame(0).camera.0.map(|value| 1.75e7 * value);
+    for (found, wanted) in distance.iter().zip(camera) {
+        assert!((found - wanted).abs() < 1.0, "{distance:?}, {camera:?}");
+    }
+    assert!(column("whole_s") >= column("render_s") + column("take_s") && column("late") == 1.0);
+}
+
 fn datagram(frame: &Frame) -> Vec<u8> {
     let values = frame
         .sun

@@ -8,11 +8,21 @@ use retina_files::{InputError, write_atomic};
 use crate::CameraImage;
 
 impl CameraImage {
-    /// Writes a 16-bit grey PNG of the digital numbers as they are, rounded, not scaled up (0 to 4095 of a 12-bit camera).
+    /// Writes what [`Self::png`] gives.
     ///
     /// # Errors
     /// The file cannot be written.
     pub fn write_png(&self, path: &Path) -> Result<(), InputError> {
+        let bytes =
+            self.png().map_err(|error| InputError::new(path, format!("cannot be encoded: {error}")))?;
+        store(path, &bytes)
+    }
+
+    /// A 16-bit grey PNG of the digital numbers as they are, rounded, not scaled up (0 to 4095 of a 12-bit camera).
+    ///
+    /// # Errors
+    /// The image has no pixels.
+    pub fn png(&self) -> Result<Vec<u8>, png::EncodingError> {
         let samples = self.values.iter().flat_map(|&value| {
             // A cast saturates at 0 and 65 535.
             (value.round() as u16).to_be_bytes()
@@ -23,13 +33,10 @@ impl CameraImage {
         encoder.set_depth(png::BitDepth::Sixteen);
         encoder.set_compression(png::Compression::Fast);
         let samples: Vec<u8> = samples.collect();
-        let write = || {
-            let mut writer = encoder.write_header()?;
-            writer.write_image_data(&samples)?;
-            writer.finish()
-        };
-        write().map_err(|error| InputError::new(path, format!("cannot be encoded: {error}")))?;
-        store(path, &bytes)
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&samples)?;
+        writer.finish()?;
+        Ok(bytes)
     }
 
     /// Writes a FITS image of 32-bit floats (BITPIX -32), first row of the file at the top.

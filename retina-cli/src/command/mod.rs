@@ -16,6 +16,7 @@ pub(crate) mod fit;
 pub(crate) mod import;
 pub(crate) mod investigate;
 pub(crate) mod lab;
+mod live;
 pub(crate) mod navigate;
 pub(crate) mod new;
 pub(crate) mod optics;

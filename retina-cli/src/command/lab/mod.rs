@@ -5,6 +5,7 @@ mod calibrate;
 mod camera;
 mod capture;
 mod check;
+mod closed_loop;
 mod devices;
 mod latency;
 mod monitor;
@@ -14,8 +15,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use retina::lab::{
-    BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, CaptureOptions, LabCamera, LabError, Rig,
-    Screen, ScreenSpec, open_camera, open_screen,
+    BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, CaptureOptions, LabCamera, Rig, Screen,
+    ScreenSpec, open_camera, open_screen,
 };
 use retina_campaign::{Effect, Facility};
 use retina_files::InputError;
@@ -49,6 +50,11 @@ pub(crate) enum Command {
     /// A round photographs one pattern a dozen times. The places and the widths of its spots are compared with those of
     /// the traced design with its screws turned. Exit code 1 where the bench is not aligned after the last round.
     Align(align::Arguments),
+    /// Puts the bench into a closed loop: renders each pose, shows it, and gives the camera's image back.
+    ///
+    /// Poses come over the sockets of CORTO's closed loop (see `retina serve`), or from the scene itself. Frames that
+    /// take longer than the wanted rate allows are marked.
+    Loop(closed_loop::Arguments),
     /// Measures how long a frame takes to the glass, and its light into an image.
     ///
     /// Frames are changed in the middle of exposures: the part that sees the new frame tells when its light came.
@@ -71,6 +77,7 @@ pub(crate) fn run(command: &Command) -> Result<(), Failure> {
         Command::Capture(arguments) => capture::run(arguments),
         Command::Calibrate(command) => calibrate::run(command),
         Command::Align(arguments) => align::run(arguments),
+        Command::Loop(arguments) => closed_loop::run(arguments),
         Command::Latency(arguments) => latency::run(arguments),
         Command::Monitor(arguments) => monitor::run(arguments),
         Command::Camera(arguments) => camera::run(arguments),
@@ -151,10 +158,7 @@ struct Devices {
 
 impl Devices {
     /// Lends the screen and the camera to what works with both.
-    fn with<T>(
-        &mut self,
-        work: impl FnOnce(&Setup, &mut Rig<'_>) -> Result<T, LabError>,
-    ) -> Result<T, LabError> {
+    fn with<T>(&mut self, work: impl FnOnce(&Setup, &mut Rig<'_>) -> T) -> T {
         let stop = Arc::clone(&self.stop);
         let stop = || stop.load(Ordering::Acquire);
         let mut rig = Rig {
