@@ -75,6 +75,8 @@ const MOST_STEPS: usize = 6;
 const SMALL_STEP: f64 = 0.01;
 /// The model's derivatives are taken anew where a screw's step is above this, deg or mm.
 const LARGE_STEP: f64 = 0.05;
+/// No screw is believed to be farther off, deg or mm.
+const MOST_OFF: f64 = 10.0;
 /// Fewest points.
 const FEWEST: usize = 50;
 
@@ -152,8 +154,9 @@ impl Aligner {
             (screws, rms_px) = (fit.screws, fit.rms_px);
             let mut largest = 0f64;
             for (screw, estimate) in &screws {
+                let most = screw.range().min(MOST_OFF);
                 largest = largest.max((estimate.value - self.guess.get(*screw)).abs());
-                self.guess.set(*screw, estimate.value.clamp(-screw.range(), screw.range()));
+                self.guess.set(*screw, estimate.value.clamp(-most, most));
             }
             if largest < SMALL_STEP {
                 break;

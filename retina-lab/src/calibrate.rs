@@ -109,7 +109,7 @@ fn measure(
     }
     let sequence = Sequence::read(&folder, setup)?;
     let taken = out.join("capture");
-    capture(&sequence, rig, options, &taken, progress)?;
+    capture(&sequence, rig, options, &taken, &mut |_, _| Ok(()), progress)?;
     let (table, _) = points_from_images(&taken.join("images"), &folder, setup, &DetectOptions::default())?;
     table.write(&out.join("points.csv"), setup)?;
     Ok(table)

@@ -12,7 +12,8 @@ use retina_campaign::predicted_by;
 use retina_files::{InputError, Table, hash_bytes, hash_file, write_atomic};
 
 use crate::exposure::find_exposure;
-use crate::{LabError, Rig, Sequence, SequenceKind};
+use crate::sequence::Planned;
+use crate::{LabError, Rig, Sequence, SequenceFrame, SequenceKind};
 
 /// Log of a folder of images: a line an image, written when the image is on the disk.
 const LOG: &str = "captures.csv";
@@ -66,9 +67,23 @@ struct Line {
     lost: u64,
 }
 
+/// A frame that is about to be shown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Upcoming<'a> {
+    /// The frame.
+    pub frame: &'a SequenceFrame,
+    /// Images that are there.
+    pub taken: usize,
+    /// Time since the first image, s; none where there is none.
+    pub elapsed_s: Option<f64>,
+}
+
+/// What is done before a frame is shown.
+pub type Before<'a> = dyn FnMut(&mut Rig<'_>, &Upcoming<'_>) -> Result<(), LabError> + 'a;
+
 /// Shows each frame and photographs it: `out/images/NAME.png`, listed in `out/images/images.csv` (a pattern) or
 /// `out/frames.csv`, with a log beside. Images that an interrupted run of the same left are kept. The screen is dark at
-/// the end. `progress` is told how many of how many are there.
+/// the end. `before` is called before each frame is shown; `progress` is told how many of how many are there.
 ///
 /// # Errors
 /// A device fails, a file cannot be written, the user wants an end, or the folder holds images of something else.
@@ -77,6 +92,7 @@ pub fn capture(
     rig: &mut Rig<'_>,
     options: &CaptureOptions,
     out: &Path,
+    before: &mut Before<'_>,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Captured, LabError> {
     let folder = Folder::open(out, sequence, options, rig.gain_db)?;
@@ -108,6 +124,9 @@ pub fn capture(
                     return Err(interrupted);
                 }
                 if !shown {
+                    let start_s = lines.values().map(|line: &Line| line.unix_s - line.time_s).next();
+                    let elapsed_s = start_s.map(|start| unix_s() - start);
+                    before(rig, &Upcoming { frame, taken: lines.len(), elapsed_s })?;
                     rig.show(&frame.image()?)?;
                     shown = true;
                 }
@@ -293,13 +312,17 @@ impl Folder {
                 String::from("predicted,measured,time_s,temperature_c,exposure_s\n"),
             ),
         };
+        // Times go on from those of the measurements before, where a plan says when it begins.
+        let from_s = sequence.frames.first().and_then(|frame| frame.planned.time_s).unwrap_or(0.0);
         for line in ordered {
             let frame = &sequence.frames[line.frame];
-            let (time_s, exposure_s, temperature) = (line.time_s, line.exposure_s, cell(line.temperature_c));
+            let (time_s, exposure_s, temperature) =
+                (from_s + line.time_s, line.exposure_s, cell(line.temperature_c));
             let _ = match sequence.kind {
                 SequenceKind::Pattern => {
                     let screen = frame.file.file_name().unwrap_or_default().to_string_lossy();
-                    let [roll, mounting] = frame.planned.map(cell);
+                    let Planned { camera_roll_deg, mounting, .. } = frame.planned;
+                    let (roll, mounting) = (cell(camera_roll_deg), cell(mounting));
                     writeln!(
                         text,
                         "{},{screen},{exposure_s},{time_s:.6},{temperature},{roll},{mounting}",

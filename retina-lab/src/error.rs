@@ -36,6 +36,12 @@ pub enum LabError {
         /// What is wrong.
         problem: String,
     },
+    /// Nobody answers.
+    #[error("nobody says that this is done: {what}. Standard input has ended")]
+    Unattended {
+        /// What was to be done.
+        what: String,
+    },
     /// The user interrupted.
     #[error("interrupted; what was taken is kept")]
     Interrupted,

@@ -75,7 +75,7 @@ impl Screw {
     /// Most that it turns either way.
     pub fn range(self) -> f64 {
         match self {
-            Self::CameraRoll => 10.0,
+            Self::CameraRoll => 180.0,
             _ if self.unit() == "mm" => 2.0,
             _ => 5.0,
         }

@@ -30,8 +30,21 @@ pub struct SequenceFrame {
     pub exposure_ratio: f64,
     /// Exposure time that a plan asks for, s.
     pub exposure_s: Option<f64>,
-    /// Columns of `images.csv` that a plan gives: camera roll, deg, and number of the mounting.
-    pub planned: [Option<f64>; 2],
+    /// What a plan asks for besides.
+    pub planned: Planned,
+}
+
+/// Conditions that a plan asks for, as the columns of `images.csv`; what is absent is as it is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Planned {
+    /// Time on the clock of the measurements before, s.
+    pub time_s: Option<f64>,
+    /// Temperature, degC.
+    pub temperature_c: Option<f64>,
+    /// Roll of the camera in its mount, deg.
+    pub camera_roll_deg: Option<f64>,
+    /// Number of the time that the camera was mounted.
+    pub mounting: Option<f64>,
 }
 
 /// Frames in the order in which they are shown.
@@ -70,7 +83,12 @@ impl Sequence {
                     file: folder.join("screens").join(&screen.file),
                     exposure_ratio: screen.exposure_ratio,
                     exposure_s: exposure.exposure_s,
-                    planned: [exposure.camera_roll_deg, exposure.mounting],
+                    planned: Planned {
+                        time_s: exposure.time_s,
+                        temperature_c: exposure.temperature_c,
+                        camera_roll_deg: exposure.camera_roll_deg,
+                        mounting: exposure.mounting,
+                    },
                 }
             });
             return Ok(Self { kind: SequenceKind::Pattern, frames: frames.collect() });
@@ -85,7 +103,7 @@ impl Sequence {
                 file: folder.join("screens").join(&screen.file),
                 exposure_ratio: screen.exposure_ratio,
                 exposure_s: None,
-                planned: [None; 2],
+                planned: Planned::default(),
             });
             return Ok(Self { kind: SequenceKind::Pattern, frames: frames.collect() });
         }
@@ -97,7 +115,7 @@ impl Sequence {
             file,
             exposure_ratio: 1.0,
             exposure_s: None,
-            planned: [None; 2],
+            planned: Planned::default(),
         });
         Ok(Self { kind: SequenceKind::Frames, frames: frames.collect() })
     }

@@ -51,13 +51,15 @@ fn an_interrupted_capture_goes_on_and_its_images_calibrate() {
     let there = Cell::new(0);
     let stop = || there.get() == 4;
     let mut cut = rig(&mut screen, &mut camera, &stop);
-    let cut = capture(&sequence, &mut cut, &options, &out, |done, _| there.set(done));
+    let cut = capture(&sequence, &mut cut, &options, &out, &mut |_, _| Ok(()), |done, _| there.set(done));
     assert!(matches!(cut, Err(LabError::Interrupted)));
     // An image whose line is not in the log, as a killed run leaves it, is taken again.
     std::fs::write(out.join("images/002-r0.png"), "torn").unwrap();
     let mut seen = Vec::new();
     let mut whole = rig(&mut screen, &mut camera, &|| false);
-    let done = capture(&sequence, &mut whole, &options, &out, |done, of| seen.push((done, of))).unwrap();
+    let done =
+        capture(&sequence, &mut whole, &options, &out, &mut |_, _| Ok(()), |done, of| seen.push((done, of)))
+            .unwrap();
     assert_eq!((done.skipped, done.taken), (4, 2));
     assert_eq!((seen.first(), seen.last()), (Some(&(4, 6)), Some(&(6, 6))));
     assert!(screen.read().unwrap().counts.iter().all(|counts| *counts == [0; 3]), "the screen is not dark");
@@ -76,6 +78,13 @@ fn an_interrupted_capture_goes_on_and_its_images_calibrate() {
     assert!(times.is_sorted() && times[0] == 0.0);
     // The folder is of this sequence with these options.
     let other = CaptureOptions { repeats: 3, ..options };
-    let refused = capture(&sequence, &mut rig(&mut screen, &mut camera, &|| false), &other, &out, |_, _| {});
+    let refused = capture(
+        &sequence,
+        &mut rig(&mut screen, &mut camera, &|| false),
+        &other,
+        &out,
+        &mut |_, _| Ok(()),
+        |_, _| {},
+    );
     assert!(refused.unwrap_err().to_string().contains("other options"));
 }

@@ -1,6 +1,5 @@
 //! `retina lab align`.
 
-use std::io::BufRead as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
@@ -8,7 +7,7 @@ use retina::lab::{AlignOptions, Aligner, Alignment, Screw, Turns};
 use retina_files::InputError;
 use serde_json::{Value, json};
 
-use super::{DeviceArguments, Devices};
+use super::{DeviceArguments, Devices, Turner, wait_for_enter};
 use crate::failure::Failure;
 use crate::output::{print_json, tell};
 use crate::progress::{advance, counter};
@@ -19,8 +18,8 @@ pub(crate) struct Arguments {
     devices: DeviceArguments,
     /// Who turns the screws: `person` (the command waits for Enter after each round) or `camera` (a virtual bench turns
     /// its own).
-    #[arg(long, default_value = "person", value_parser = ["person", "camera"])]
-    turn: String,
+    #[arg(long, value_enum, default_value_t)]
+    turn: Turner,
     /// Most rounds.
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=100))]
     rounds: u16,
@@ -67,10 +66,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             break;
         }
         turned = found.turn;
-        if arguments.turn == "camera" {
+        if arguments.turn == Turner::Camera {
             devices.camera.turn(&turned)?;
         } else {
-            wait_for_person(&devices)?;
+            wait_for_enter("turn the screws as said", &|| devices.stop.load(Ordering::Acquire))?;
         }
     }
     if arguments.json {
@@ -138,20 +137,4 @@ fn to_json(found: &Alignment) -> Value {
         "width_px": found.width_px,
         "rms_px": found.rms_px,
     })
-}
-
-/// The next round begins when the screws are turned.
-fn wait_for_person(devices: &Devices) -> Result<(), Failure> {
-    tell!("turn the screws as said, and press Enter; Ctrl-C and Enter end it");
-    let mut line = String::new();
-    let read = std::io::stdin().lock().read_line(&mut line);
-    if devices.stop.load(Ordering::Acquire) {
-        return Err(Failure::new("interrupted"));
-    }
-    match read {
-        Ok(0) | Err(_) => {
-            Err(Failure::new("nobody says that the screws are turned: standard input has ended"))
-        }
-        Ok(_) => Ok(()),
-    }
 }

@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use retina::lab::{Sequence, capture};
+use retina::lab::{Rig, Sequence, Upcoming, capture};
 use serde_json::json;
 
 use super::DeviceArguments;
+use super::monitor::{Limits, show};
 use crate::failure::Failure;
 use crate::output::{print_json, tell};
 use crate::progress::{advance, counter};
@@ -16,6 +17,11 @@ pub(crate) struct Arguments {
     sequence: PathBuf,
     #[command(flatten)]
     devices: DeviceArguments,
+    /// Look at reference points before every Nth frame, as `retina lab monitor` does, into OUT/monitor.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    monitor_every: Option<u32>,
+    #[command(flatten)]
+    limits: Limits,
     /// Folder for images/, the table that lists them, and captures.csv.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -30,8 +36,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     tell!("{} frames on {} for {}", sequence.frames.len(), arguments.devices.screen, devices.camera.name());
     let bar = counter(0, "images");
     let options = devices.capture.clone();
-    let done = devices
-        .with(|_, rig| capture(&sequence, rig, &options, &arguments.out, |done, of| advance(&bar, done, of)));
+    let mut monitor = match arguments.monitor_every {
+        None => None,
+        Some(every) => Some((every, arguments.limits.open(&devices, &arguments.out.join("monitor"))?)),
+    };
+    let (mut frames, mut alarmed) = (0, 0);
+    let mut before = |rig: &mut Rig<'_>, _: &Upcoming<'_>| {
+        if let Some((every, monitor)) = monitor.as_mut().filter(|(every, _)| frames % *every == 0) {
+            let reading = monitor.round(rig)?;
+            alarmed += u32::from(!reading.alarms.is_empty());
+            bar.suspend(|| show(monitor.readings().len(), &reading));
+            frames %= *every;
+        }
+        frames += 1;
+        Ok(())
+    };
+    let done = devices.with(|_, rig| {
+        let progress = |done, of| advance(&bar, done, of);
+        capture(&sequence, rig, &options, &arguments.out, &mut before, progress)
+    });
     bar.finish_and_clear();
     let done = done?;
     tell!(
@@ -51,6 +74,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             "exposures_s": done.exposures_s,
             "verified": devices.screen.verifies(),
         }))?;
+    }
+    if alarmed > 0 {
+        return Err(Failure::exceeded(format!("{alarmed} looks at the reference points raised an alarm")));
     }
     Ok(())
 }

@@ -8,15 +8,17 @@ mod check;
 mod closed_loop;
 mod devices;
 mod latency;
+mod measure;
 mod monitor;
 
+use std::io::BufRead as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use retina::lab::{
-    BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, CaptureOptions, LabCamera, Rig, Screen,
-    ScreenSpec, open_camera, open_screen,
+    BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, CaptureOptions, LabCamera, LabError, Rig,
+    Screen, ScreenSpec, open_camera, open_screen,
 };
 use retina_campaign::{Effect, Facility};
 use retina_files::InputError;
@@ -50,6 +52,10 @@ pub(crate) enum Command {
     /// A round photographs one pattern a dozen times. The places and the widths of its spots are compared with those of
     /// the traced design with its screws turned. Exit code 1 where the bench is not aligned after the last round.
     Align(align::Arguments),
+    /// Carries out what `retina decide` has planned: screens, exposures, times, rolls, temperatures.
+    ///
+    /// The round's points.csv is made of the images. `retina decide` with the same folder goes on from there.
+    Measure(measure::Arguments),
     /// Puts the bench into a closed loop: renders each pose, shows it, and gives the camera's image back.
     ///
     /// Poses come over the sockets of CORTO's closed loop (see `retina serve`), or from the scene itself. Frames that
@@ -77,6 +83,7 @@ pub(crate) fn run(command: &Command) -> Result<(), Failure> {
         Command::Capture(arguments) => capture::run(arguments),
         Command::Calibrate(command) => calibrate::run(command),
         Command::Align(arguments) => align::run(arguments),
+        Command::Measure(arguments) => measure::run(arguments),
         Command::Loop(arguments) => closed_loop::run(arguments),
         Command::Latency(arguments) => latency::run(arguments),
         Command::Monitor(arguments) => monitor::run(arguments),
@@ -223,6 +230,30 @@ impl DeviceArguments {
         }
         let capture = CaptureOptions { exposures_s: self.exposures_s.clone(), repeats: self.repeats.into() };
         Ok(Devices { setup, screen, camera, capture, settle_s, gain_db: self.gain_db, stop })
+    }
+}
+
+/// Who turns what has no motor of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+enum Turner {
+    /// The command waits for Enter.
+    #[default]
+    Person,
+    /// A virtual bench turns its own screws.
+    Camera,
+}
+
+/// Tells a person what to do and waits until it is done.
+fn wait_for_enter(what: &str, stop: &dyn Fn() -> bool) -> Result<(), LabError> {
+    tell!("{what}, and press Enter; Ctrl-C and Enter end it");
+    let mut line = String::new();
+    let read = std::io::stdin().lock().read_line(&mut line);
+    if stop() {
+        return Err(LabError::Interrupted);
+    }
+    match read {
+        Ok(0) | Err(_) => Err(LabError::Unattended { what: what.into() }),
+        Ok(_) => Ok(()),
     }
 }
 
