@@ -8,16 +8,29 @@ use crate::LabError;
 /// Runs a command and waits for its end. What it writes on standard output goes nowhere; its errors are the user's to
 /// see.
 pub(crate) fn run_command(command: &str, variables: &[(&str, &OsStr)]) -> Result<(), LabError> {
+    run(command, variables, Stdio::null()).map(|_| ())
+}
+
+/// Runs a command, and gives what it writes on standard output.
+pub(crate) fn answer_of(command: &str, variables: &[(&str, &OsStr)]) -> Result<String, LabError> {
+    let output = run(command, variables, Stdio::piped())?;
+    Ok(String::from_utf8_lossy(&output).into_owned())
+}
+
+fn run(command: &str, variables: &[(&str, &OsStr)], output: Stdio) -> Result<Vec<u8>, LabError> {
     let failed = |problem: String| LabError::Command { command: command.into(), problem };
-    let status = Command::new("sh")
+    let done = Command::new("sh")
         .arg("-c")
         .arg(command)
         .envs(variables.iter().copied())
         .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .status()
+        .stdout(output)
+        .stderr(Stdio::inherit())
+        .spawn()
+        .and_then(std::process::Child::wait_with_output)
         .map_err(|error| failed(format!("cannot be run: {error}")))?;
-    if status.success() { Ok(()) } else { Err(failed(format!("failed: {status}"))) }
+    let status = done.status;
+    if status.success() { Ok(done.stdout) } else { Err(failed(format!("failed: {status}"))) }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! `retina calibrate`.
 
 mod geometry;
-mod radiometry;
+pub(crate) mod radiometry;
 
 pub(crate) use geometry::measured_response;
 

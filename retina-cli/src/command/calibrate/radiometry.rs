@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use retina_files::{InputError, write_atomic};
 use retina_formats::{CalibrationFile, PowerTable};
+use retina_geometry::Setup;
 use retina_response::{Calibrated, PowerReadings, figures, json_document, report_page, summary};
 
 use crate::failure::Failure;
@@ -50,33 +51,57 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     crate::check_apart(inputs, [arguments.out.as_ref(), arguments.report.as_ref()], None)?;
     let measured = read_setup(&arguments.setup)?;
     let table = PowerTable::read(&arguments.data)?;
-    table.check_setup(&measured)?;
-    let mut calibrated = Calibrated::fit(&measured, PowerReadings::of(&table)?)?;
     let other = arguments.for_setup.as_deref().map(read_setup).transpose()?;
-    if let Some(other) = &other {
-        calibrated = calibrated.for_setup(&measured, other)?;
+    let outputs = Outputs {
+        out: arguments.out.as_deref(),
+        report: arguments.report.as_deref(),
+        figures: arguments.figures.as_deref(),
+        json: arguments.json,
+    };
+    fit(&measured, &table, other.as_ref(), &outputs)
+}
+
+/// What is written.
+pub(crate) struct Outputs<'a> {
+    pub(crate) out: Option<&'a Path>,
+    pub(crate) report: Option<&'a Path>,
+    pub(crate) figures: Option<&'a Path>,
+    pub(crate) json: bool,
+}
+
+/// The response of readings, for the facility that was measured or for another one.
+pub(crate) fn fit(
+    measured: &Setup,
+    table: &PowerTable,
+    other: Option<&Setup>,
+    outputs: &Outputs<'_>,
+) -> Result<(), Failure> {
+    table.check_setup(measured)?;
+    let mut calibrated = Calibrated::fit(measured, PowerReadings::of(table)?)?;
+    if let Some(other) = other {
+        calibrated = calibrated.for_setup(measured, other)?;
     }
-    let setup = other.as_ref().unwrap_or(&measured);
+    let setup = other.unwrap_or(measured);
     for fit in &calibrated.fits {
         for warning in &fit.warnings {
             tell!("{}: {warning}", fit.channel.name());
         }
     }
     let text = summary(&calibrated, setup);
-    if let Some(out) = &arguments.out {
+    if let Some(out) = outputs.out {
         let mut file = CalibrationFile::read_or_new(out, setup)?;
-        file.set_response(calibrated.record(&measured), out, setup)?;
+        file.set_response(calibrated.record(measured), out, setup)?;
         file.write(out)?;
     }
-    if let Some(report) = &arguments.report {
+    if let Some(report) = outputs.report {
         report_page(&calibrated, &text).write(report)?;
     }
-    if let Some(folder) = &arguments.figures {
+    if let Some(folder) = outputs.figures {
         let [response, magnitude] = figures(&calibrated);
         write(&folder.join("response.svg"), &response)?;
         write(&folder.join("magnitude.svg"), &magnitude)?;
     }
-    if arguments.json { print_json(&json_document(&calibrated, setup)) } else { print_lines(&text) }
+    if outputs.json { print_json(&json_document(&calibrated, setup)) } else { print_lines(&text) }
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Failure> {

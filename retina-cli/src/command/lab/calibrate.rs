@@ -16,6 +16,8 @@ use crate::progress::{advance, counter};
 pub(crate) enum Command {
     /// Calibrates the mapping between lines of sight and the screen, and checks it on fresh points.
     Geometry(Arguments),
+    /// Calibrates the response: shows squares, reads a power meter at the camera's place, and fits.
+    Radiometry(super::radiometry::Arguments),
 }
 
 #[derive(clap::Args)]
@@ -43,7 +45,13 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(command: &Command) -> Result<(), Failure> {
-    let Command::Geometry(arguments) = command;
+    match command {
+        Command::Geometry(arguments) => geometry(arguments),
+        Command::Radiometry(arguments) => super::radiometry::run(arguments),
+    }
+}
+
+fn geometry(arguments: &Arguments) -> Result<(), Failure> {
     let mut devices = arguments.devices.open()?;
     let options = LabCalibration {
         pattern: PatternOptions {

@@ -10,6 +10,7 @@ mod devices;
 mod latency;
 mod measure;
 mod monitor;
+mod radiometry;
 
 use std::io::BufRead as _;
 use std::path::{Path, PathBuf};
