@@ -53,7 +53,7 @@ def setup_with(system: str) -> str:
     return f'{text}\n[optics]\nsystem = "{system}"\n'
 
 
-def align(name: str, bench: Path, design: Path, out: Path, address: str) -> None:
+def align(name: str, bench: Path, design: Path, out: Path, address: str, *more: str) -> None:
     screen = out / f"screen-{name}"
     screen.mkdir(parents=True, exist_ok=True)
     command = [RETINA, "lab", "camera", "--setup", bench, "--screen", f"folder:{screen}", "--interface", address, "--json"]
@@ -63,7 +63,7 @@ def align(name: str, bench: Path, design: Path, out: Path, address: str) -> None
     try:
         camera.stdout.readline()
         command = [RETINA, "lab", "align", "--setup", design, "--screen", f"folder:{screen}", "--camera", "aravis"]
-        command += ["--turn", "camera", "--rounds", "5", "--out", out / name, "--json"]
+        command += ["--turn", "camera", "--rounds", "5", "--out", out / name, "--json", *more]
         start = time.monotonic()
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=False)
         found = json.loads(done.stdout)
@@ -90,6 +90,7 @@ def main() -> None:
     align("wide-fov", SETUP, SETUP, out, arguments.camera_address)
     align("reference-1.3fc-wide", design, design, out, arguments.camera_address)
     align("as-built", built, design, out, arguments.camera_address)
+    align("as-built, relay fitted", built, design, out, arguments.camera_address, "--relay")
 
 
 if __name__ == "__main__":

@@ -1,13 +1,16 @@
 //! Screen, optics and camera together.
 
+use glam::DVec3;
 use rayon::prelude::*;
+use retina_files::InputError;
 use retina_geometry::Setup;
+use retina_optics::OpticalSystem;
 use retina_radiometry::irradiance_of_magnitude_w_m2_nm;
 
 use crate::optics::{
     BenchOptics, CameraPose, ExposurePose, OpticsDetail, Source, channel_lines, facility_system,
 };
-use crate::{BenchError, Display, Imperfections, ScreenImage, Sensor};
+use crate::{BenchError, Display, GroupOffset, Imperfections, ScreenImage, Sensor};
 
 /// More lit sub-pixels than these are a scene and go through Fourier transforms.
 pub(crate) const MOST_POINTS: usize = 30_000;
@@ -84,6 +87,9 @@ impl Bench {
         let mut system = facility_system(setup)?;
         if options.wrong.clear_fraction > 0.0 {
             system.clear_fraction = options.wrong.clear_fraction;
+        }
+        if options.wrong.relay != GroupOffset::default() {
+            move_group(&mut system, "relay", &options.wrong.relay)?;
         }
         let lines = channel_lines(setup, sensor.efficiency(), options.detail.lines);
         let optics = BenchOptics::new(&system, setup, &display, &options.wrong, &lines, options.detail)?;
@@ -219,6 +225,21 @@ impl Bench {
 fn pupil_area_m2(setup: &Setup) -> f64 {
     let diameter_m = setup.camera.focal_mm * 1e-3 / setup.camera.f_number;
     std::f64::consts::PI / 4.0 * diameter_m * diameter_m
+}
+
+/// Moves a group of lenses, beside where its prescription has it.
+fn move_group(system: &mut OpticalSystem, name: &str, by: &GroupOffset) -> Result<(), BenchError> {
+    let found = system.groups.iter().map(|group| group.name.clone()).collect::<Vec<_>>().join(", ");
+    let Some(group) = system.group_mut(name) else {
+        return Err(InputError::new("the prescription", "has no group of lenses of this name")
+            .found(format!("groups: {found}"))
+            .expected(format!("a group `{name}`"))
+            .help("name the surfaces' groups in the prescription")
+            .into());
+    };
+    group.decentre_mm += DVec3::new(by.shift_mm[0], by.shift_mm[1], 0.0);
+    group.tilt_rad += DVec3::new(by.tilt_rad[0], by.tilt_rad[1], 0.0);
+    Ok(())
 }
 
 #[cfg(test)]

@@ -51,6 +51,15 @@ pub struct Objective {
     pub decentring: [f64; 2],
 }
 
+/// A group of lenses beside where the design has it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct GroupOffset {
+    /// Along x and y, mm.
+    pub shift_mm: [f64; 2],
+    /// Right-handed turns about x and y through the group's pivot, rad.
+    pub tilt_rad: [f64; 2],
+}
+
 /// Everything that can be wrong with a bench and does not change from exposure to exposure.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Imperfections {
@@ -62,6 +71,8 @@ pub struct Imperfections {
     pub camera_roll_rad: f64,
     /// Its objective.
     pub objective: Objective,
+    /// The relay: the prescription's group of this name.
+    pub relay: GroupOffset,
     /// Part of the camera's pixel that is sensitive, along each axis; 0 stands for all of it.
     pub pixel_fill: f64,
     /// Clear part of each lens's semi-diameter; 0 stands for the prescription's own.

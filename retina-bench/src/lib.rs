@@ -21,7 +21,7 @@ mod sensor;
 pub use bench::{Bench, BenchOptions, CameraFrame, Exposure};
 pub use display::{Display, ScreenImage, SubPixel};
 pub use error::BenchError;
-pub use imperfections::{Imperfections, Objective, ScreenPlacement};
+pub use imperfections::{GroupOffset, Imperfections, Objective, ScreenPlacement};
 pub use optics::{
     BenchOptics, CameraPose, ExposurePose, OpticsDetail, Source, channel_lines, display_rays, facility_system,
 };

@@ -5,6 +5,7 @@
 mod common;
 
 use std::fs;
+use std::path::Path;
 use std::process::Output;
 
 use common::{AU_M, FOCAL_PX, Fixture, HEADER, assert_done, assert_refused, counts, json, retina};
@@ -112,4 +113,45 @@ fn what_does_not_fit_leaves_nothing_behind() {
     assert_refused(&calibrate(&fixture, &["--out", &calibration]), &["found `large`, expected `small`"]);
     assert_eq!(fs::read(fixture.path("calibration.toml")).unwrap(), held);
     assert_refused(&calibrate(&fixture, &["--out", &out(&fixture, "a.txt")]), &["`.toml`"]);
+}
+
+/// A meter by command before a screen that is a folder: interrupted, gone on with, fitted.
+#[test]
+fn a_laboratory_reads_its_meter_by_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    fs::create_dir(path("screen")).unwrap();
+    // Watts on 9.5 mm: gamma 2.4, a zero of 2e-9 W m^-2, and no number after 40 readings the first time.
+    let meter = "n=$(cat count 2>/dev/null || echo 0); n=$((n + 1)); echo $n > count; \
+                 [ $n != 41 ] || { echo busy; exit 0; }; \
+                 awk -v c=$RETINA_CHANNEL -v b=$RETINA_DIGITAL_COUNT -v n=$RETINA_SQUARE_PX 'BEGIN { \
+                 f = c == \"r\" ? 3e-11 : c == \"g\" ? 5e-11 : c == \"b\" ? 2e-11 : 1e-10; \
+                 print (n * n * f * (1e-4 + (1 - 1e-4) * (b / 255) ^ 2.4) + 2e-9) * 3.14159265 / 4 * 9.5e-3 ^ 2 }'";
+    let run = || {
+        let setup = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/setups/wide-fov.toml");
+        let mut command = retina();
+        command.current_dir(folder.path()).args(["lab", "calibrate", "radiometry", "--setup"]).arg(setup);
+        command.args(["--screen", "folder:screen", "--meter", &format!("exec:{meter}"), "--out", "out"]);
+        command.args(["--meter-diameter-mm", "9.5", "--readings", "1", "--settle-s", "0", "--json"]);
+        command.args(["--counts", "4,8,16,32,64,128,192,255", "--squares", "100,400"]).output().unwrap()
+    };
+    let stopped = run();
+    assert_eq!(stopped.status.code(), Some(2));
+    assert!(
+        common::stderr(&stopped).contains("printed `busy`, not a number"),
+        "{}",
+        common::stderr(&stopped)
+    );
+    let done = run();
+    assert_done(&done);
+    // Two squares, four channels, eight counts and a dark reading; 40 of them and `busy` came before.
+    assert_eq!(fs::read_to_string(path("count")).unwrap().trim(), "73");
+    assert_eq!(fs::read_to_string(path("out/power.csv")).unwrap().lines().count(), 73);
+    let document = json(&done);
+    for channel in ["r", "g", "b"] {
+        let gamma = document["channels"][channel]["gamma"]["value"].as_f64();
+        let gamma = gamma.unwrap_or_else(|| panic!("{document:#}"));
+        assert!((gamma - 2.4).abs() < 0.01, "{channel}: {gamma}");
+    }
+    assert!(path("out/calibration.toml").is_file() && path("out/radiometry.html").is_file());
 }

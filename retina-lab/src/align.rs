@@ -35,11 +35,13 @@ pub struct AlignOptions {
     pub points: usize,
     /// First trial of the exposure time, s.
     pub first_exposure_s: f64,
+    /// Whether the relay's lenses may be off, too: within the tolerances of their mounts.
+    pub relay: bool,
 }
 
 impl Default for AlignOptions {
     fn default() -> Self {
-        Self { exposures: 12, points: 400, first_exposure_s: 0.01 }
+        Self { exposures: 12, points: 400, first_exposure_s: 0.01, relay: false }
     }
 }
 
@@ -59,12 +61,16 @@ pub struct Alignment {
 }
 
 /// The screws that are fitted, with the step of their derivatives, deg or mm.
-const FITTED: [(Screw, f64); 8] = [
+const FITTED: [(Screw, f64); 12] = [
     (Screw::ScreenTiltX, 0.1),
     (Screw::ScreenTiltY, 0.1),
     (Screw::ScreenShiftX, 0.1),
     (Screw::ScreenShiftY, 0.1),
     (Screw::ScreenFocus, 0.05),
+    (Screw::RelayShiftX, 0.05),
+    (Screw::RelayShiftY, 0.05),
+    (Screw::RelayTiltX, 0.05),
+    (Screw::RelayTiltY, 0.05),
     (Screw::CameraPointingX, 0.1),
     (Screw::CameraPointingY, 0.1),
     (Screw::CameraRoll, 0.1),
@@ -172,11 +178,17 @@ impl Aligner {
             width_px: widths[widths.len() / 2],
             rms_px,
         };
-        for (screw, estimate) in screws {
+        for (screw, estimate) in screws.into_iter().filter(|(screw, _)| self.is_fitted(*screw)) {
             alignment.screws.insert(screw, estimate);
-            alignment.turn.set(screw, -estimate.value);
+            if !screw.is_built_in() {
+                alignment.turn.set(screw, -estimate.value);
+            }
         }
         Ok(alignment)
+    }
+
+    fn is_fitted(&self, screw: Screw) -> bool {
+        self.options.relay || !screw.is_built_in()
     }
 
     /// The model's photograph with the screws turned; no spots where it shows nothing that is recognised.
@@ -191,6 +203,11 @@ impl Aligner {
         let base = self.model(&guess, COARSE)?;
         let mut moved = Vec::with_capacity(FITTED.len());
         for (screw, step) in FITTED {
+            if !self.is_fitted(screw) {
+                // Where the design has it: nothing depends on it.
+                moved.push(base.clone());
+                continue;
+            }
             let mut turns = guess;
             turns.set(screw, guess.get(screw) + step);
             moved.push(self.model(&turns, COARSE)?);

@@ -17,6 +17,14 @@ pub enum Screw {
     ScreenTurn,
     /// The screen away from the lenses, mm.
     ScreenFocus,
+    /// The relay's lenses along +x, mm.
+    RelayShiftX,
+    /// The relay's lenses along +y, mm.
+    RelayShiftY,
+    /// The relay's lenses about +x, right-handed, deg.
+    RelayTiltX,
+    /// The relay's lenses about +y, right-handed, deg.
+    RelayTiltY,
     /// The camera's boresight towards +x, deg.
     CameraPointingX,
     /// The camera's boresight towards +y, deg.
@@ -27,13 +35,17 @@ pub enum Screw {
 
 impl Screw {
     /// All screws.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 13] = [
         Self::ScreenTiltX,
         Self::ScreenTiltY,
         Self::ScreenShiftX,
         Self::ScreenShiftY,
         Self::ScreenTurn,
         Self::ScreenFocus,
+        Self::RelayShiftX,
+        Self::RelayShiftY,
+        Self::RelayTiltX,
+        Self::RelayTiltY,
         Self::CameraPointingX,
         Self::CameraPointingY,
         Self::CameraRoll,
@@ -52,7 +64,11 @@ impl Screw {
     /// `deg` or `mm`.
     pub fn unit(self) -> &'static str {
         match self {
-            Self::ScreenShiftX | Self::ScreenShiftY | Self::ScreenFocus => "mm",
+            Self::ScreenShiftX
+            | Self::ScreenShiftY
+            | Self::ScreenFocus
+            | Self::RelayShiftX
+            | Self::RelayShiftY => "mm",
             _ => "deg",
         }
     }
@@ -66,10 +82,19 @@ impl Screw {
             Self::ScreenShiftY => "moves the screen along +y",
             Self::ScreenTurn => "turns the screen about the axis, from +x towards +y",
             Self::ScreenFocus => "moves the screen away from the lenses",
+            Self::RelayShiftX => "moves the relay's lenses along +x",
+            Self::RelayShiftY => "moves the relay's lenses along +y",
+            Self::RelayTiltX => "turns the relay's lenses about +x, right-handed",
+            Self::RelayTiltY => "turns the relay's lenses about +y, right-handed",
             Self::CameraPointingX => "points the camera towards +x",
             Self::CameraPointingY => "points the camera towards +y",
             Self::CameraRoll => "rolls the camera about its boresight",
         }
+    }
+
+    /// Whether it stands where the lenses were built in: most benches have no screw there.
+    pub fn is_built_in(self) -> bool {
+        matches!(self, Self::RelayShiftX | Self::RelayShiftY | Self::RelayTiltX | Self::RelayTiltY)
     }
 
     /// Most that it turns either way.
@@ -84,7 +109,7 @@ impl Screw {
 
 /// How far each screw is turned, deg or mm, in the order of [`Screw::ALL`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Turns([f64; 9]);
+pub struct Turns([f64; 13]);
 
 impl Turns {
     /// From the values in the order of [`Screw::ALL`]; missing ones are 0.
@@ -126,6 +151,11 @@ impl Turns {
         screen.shift_mm[1] += self.get(Screw::ScreenShiftY);
         screen.turn_rad += rad(Screw::ScreenTurn);
         screen.focus_mm += self.get(Screw::ScreenFocus);
+        let relay = &mut wrong.relay;
+        relay.shift_mm[0] += self.get(Screw::RelayShiftX);
+        relay.shift_mm[1] += self.get(Screw::RelayShiftY);
+        relay.tilt_rad[0] += rad(Screw::RelayTiltX);
+        relay.tilt_rad[1] += rad(Screw::RelayTiltY);
         wrong.pointing_rad[0] += rad(Screw::CameraPointingX);
         wrong.pointing_rad[1] += rad(Screw::CameraPointingY);
         wrong.camera_roll_rad += rad(Screw::CameraRoll);

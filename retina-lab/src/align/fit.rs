@@ -16,12 +16,15 @@ use crate::{Screw, Turns};
 const LENSES: usize = 7;
 const UNKNOWN: usize = FITTED.len() + LENSES;
 /// What is known of them beforehand: scales to 1 %, distortion (of tangents) to 0.1 and 3, the spots' size to 5 % and
-/// 0.1 px^2, the curvature of the field, as focus, to 0.001 mm / mm^2. Decentred and tilted lens groups are not among
-/// them: they look like a shift of the screen with a tilt, and free to be anything they would hide both.
+/// 0.1 px^2, the curvature of the field, as focus, to 0.001 mm / mm^2.
 const KNOWN: [f64; LENSES] = [0.01, 0.01, 0.1, 3.0, 0.05, 0.1, 1e-3];
 /// What hands and rulers reach: the tilts and shifts of a bench that stands, deg or mm, in the order of [`FITTED`]. Of
 /// positions that the spots cannot tell apart the smallest is taken.
-const BY_HAND: [f64; FITTED.len()] = [0.5, 0.5, 0.3, 0.3, 0.5, 0.5, 0.5, 5.0];
+/// The relay's lenses are built in, within the tolerances of mounts.
+const BY_HAND: [f64; FITTED.len()] =
+    [0.5, 0.5, 0.3, 0.3, 0.5, BUILT_MM, BUILT_MM, BUILT_DEG, BUILT_DEG, 0.5, 0.5, 5.0];
+const BUILT_MM: f64 = 0.05;
+const BUILT_DEG: f64 = 0.05;
 /// The model's own error: of a centroid, px, and of a variance, of itself and px^2.
 const PLACE_SIGMA_PX: f64 = 0.03;
 const VARIANCE_SIGMA: (f64, f64) = (0.05, 0.03);

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
-use retina::lab::{AlignOptions, Aligner, Alignment, Screw, Turns};
+use retina::lab::{AlignOptions, Aligner, Alignment, Estimate, Screw, Turns};
 use retina_files::InputError;
 use serde_json::{Value, json};
 
@@ -32,6 +32,9 @@ pub(crate) struct Arguments {
     /// Number of exposures of a round.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u16).range(1..=1000))]
     exposures: u16,
+    /// Find out where the relay's lenses stand, too. Their mounts are taken to hold them within 0.05 mm and 0.05 deg.
+    #[arg(long)]
+    relay: bool,
     /// Folder for the pattern and the spots of each round.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -50,18 +53,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let options = AlignOptions {
         exposures: arguments.exposures.into(),
         first_exposure_s: devices.capture.exposures_s.first().copied().unwrap_or(0.01),
+        relay: arguments.relay,
         ..AlignOptions::default()
     };
     let mut aligner = Aligner::new(&devices.setup, options, &arguments.out)?;
     let mut turned = Turns::default();
     let mut rounds = Vec::new();
     let mut aligned = false;
+    let mut last_unknown = Vec::new();
     for round in 1..=arguments.rounds {
         let found = measure(&mut aligner, &mut devices, &turned, arguments)?;
         aligned =
-            found.screws.iter().all(|(screw, estimate)| estimate.value.abs() <= limit(*screw, arguments));
+            turned_ones(&found).all(|(screw, estimate)| estimate.value.abs() <= limit(*screw, arguments));
         show(round, &found, arguments);
         rounds.push(to_json(&found));
+        last_unknown = unknown(&found, arguments);
         if aligned || round == arguments.rounds {
             break;
         }
@@ -73,7 +79,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
     }
     if arguments.json {
-        print_json(&json!({"schema": "retina.lab-align/1", "aligned": aligned, "rounds": rounds}))?;
+        print_json(&json!({
+            "schema": "retina.lab-align/1", "aligned": aligned, "uncertain": last_unknown, "rounds": rounds,
+        }))?;
+    }
+    if !last_unknown.is_empty() {
+        tell!("the spots do not tell whether these are within the limits: {}", last_unknown.join(", "));
     }
     if aligned {
         tell!("aligned within {} deg and {} mm", arguments.within_deg, arguments.within_mm);
@@ -95,6 +106,19 @@ fn measure(
     Ok(found?)
 }
 
+/// The screws that are turned: the others stand where the lenses were built in.
+fn turned_ones(found: &Alignment) -> impl Iterator<Item = (&Screw, &Estimate)> {
+    found.screws.iter().filter(|(screw, _)| !screw.is_built_in())
+}
+
+/// Screws of which the images do not tell whether they are within the limits.
+fn unknown(found: &Alignment, arguments: &Arguments) -> Vec<String> {
+    turned_ones(found)
+        .filter(|(screw, estimate)| estimate.sigma > limit(**screw, arguments))
+        .map(|(screw, estimate)| format!("{} to {:.2} {}", screw.name(), estimate.sigma, screw.unit()))
+        .collect()
+}
+
 fn limit(screw: Screw, arguments: &Arguments) -> f64 {
     if screw.unit() == "mm" { arguments.within_mm } else { arguments.within_deg }
 }
@@ -108,7 +132,9 @@ fn show(round: u16, found: &Alignment, arguments: &Arguments) {
     );
     for (screw, estimate) in &found.screws {
         let (unit, name) = (screw.unit(), screw.name());
-        let turn = if estimate.value.abs() <= limit(*screw, arguments) {
+        let turn = if screw.is_built_in() {
+            "built in".to_owned()
+        } else if estimate.value.abs() <= limit(*screw, arguments) {
             "good".to_owned()
         } else {
             format!("turn by {:+.3} {unit} ({} where positive)", found.turn.get(*screw), screw.meaning())
