@@ -33,15 +33,34 @@ export function s(tag: string, attributes: Attributes = {}, ...children: Child[]
   return filled(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 }
 
-/** New content for an element. The focus stays with the element of the same `data-key`. */
-export function put(parent: Element, ...children: Child[]): void {
+/**
+ * New content for an element. What one has opened stays open, and the focus stays with the element of the same `data-key`.
+ * Where that element is gone or cannot be pressed now, the focus goes to the parent, not to the start of the page.
+ */
+export function put(parent: HTMLElement, ...children: Child[]): void {
   const active = document.activeElement;
-  const key = active && parent.contains(active) ? active.getAttribute("data-key") : null;
+  const inside = active !== null && active !== parent && parent.contains(active);
+  const focused = inside ? active.getAttribute("data-key") : null;
+  const opened = keyed(parent, "details[open] > summary").map((summary) => summary.dataset["key"]);
   parent.replaceChildren(...present(children));
-  if (key !== null) {
-    const again = [...parent.querySelectorAll<HTMLElement>("[data-key]")].find((e) => e.dataset["key"] === key);
-    again?.focus();
+  for (const summary of keyed(parent, "details > summary")) {
+    if (opened.includes(summary.dataset["key"])) {
+      summary.parentElement?.setAttribute("open", "");
+    }
   }
+  if (!inside) {
+    return;
+  }
+  const again = focused === null ? undefined : keyed(parent, "[data-key]").find((element) => element.dataset["key"] === focused);
+  again?.focus();
+  if (again === undefined || document.activeElement !== again) {
+    parent.tabIndex = -1;
+    parent.focus({ preventScroll: true });
+  }
+}
+
+function keyed(parent: HTMLElement, selector: string): HTMLElement[] {
+  return [...parent.querySelectorAll<HTMLElement>(selector)].filter((element) => element.dataset["key"] !== undefined);
 }
 
 /** Tells those who do not see the page. */

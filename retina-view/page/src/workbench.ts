@@ -29,6 +29,7 @@ export class Workbench {
   private shownFit: FitDocument | null = null;
   private lastHeldOut: number | null = null;
   private previewed: string | null = null;
+  private mayBeShows = "";
   private formula: FormulaEditor | null = null;
   private catalogue: CatalogueEffect[] = [];
   private blinker = 0;
@@ -134,7 +135,7 @@ export class Workbench {
       this.plots.setModel(rows, modelName(news.models[news.at] ?? []));
       this.drawExplained(fit);
     }
-    put(this.mayBe, ...candidates(news, this.previewed, this.candidateActions));
+    this.drawMayBe();
   }
 
   private key(at: number): string {
@@ -215,7 +216,7 @@ export class Workbench {
       const added = rows?.effect.map((axis, k) => axis.map((value, row) => value - (now.effect[k]?.[row] ?? 0))) ?? null;
       const covariates = this.catalogue.find((own) => own.effect === effect)?.covariates ?? [];
       this.plots.setPreview(added, covariates);
-      put(this.mayBe, ...candidates(this.news, this.previewed, this.candidateActions));
+      this.drawMayBe();
     } catch (error) {
       this.failed(error);
     }
@@ -349,6 +350,19 @@ export class Workbench {
         ? h("button", { type: "button", class: "primary", "data-key": "again", click: () => this.ask("job/diagnose", {}) }, "Start again")
         : h("p", { class: "dim" }, news.job?.kind === "bench" ? "The virtual bench makes the data ..." : "Reading ..."),
     );
+  }
+
+  /** Drawn anew only where it would differ: the news of a job's progress come many times a second. */
+  private drawMayBe(): void {
+    const news = this.news;
+    if (!news) {
+      return;
+    }
+    const shows = JSON.stringify([news.diagnosis, news.investigation, news.models[news.at], news.job?.kind, news.can_measure, news.inputs.bench, this.previewed]);
+    if (shows !== this.mayBeShows) {
+      this.mayBeShows = shows;
+      put(this.mayBe, ...candidates(news, this.previewed, this.candidateActions));
+    }
   }
 
   private makeFormula(): void {
