@@ -11,6 +11,7 @@
 //! - [`Lens`]: models of wide fields, as OpenCV and mrcal define them.
 //! - [`DisplayRays`]: what the display's depth does to a line of sight.
 //! - [`WarpMap`]: which source position an output pixel reads, upstream and downstream.
+//! - [`ScreenLimits`]: what a display must not be asked to show.
 //! - [`limb_ellipse`]: the outline of a sphere or ellipsoid in a pinhole image.
 
 /// Arcseconds in a radian.
@@ -22,6 +23,7 @@ mod distortion;
 mod inverse;
 mod lens_models;
 mod limb;
+mod limits;
 mod pinhole;
 mod setup;
 mod warp;
@@ -32,6 +34,7 @@ pub use distortion::{Distortion, DistortionError, MAX_DEGREE, term_count};
 pub use inverse::{InverseDistortion, InverseTerm};
 pub use lens_models::{Lens, LensImage, LensModel, MOST_COEFFICIENTS, OutOfDomain};
 pub use limb::{LimbEllipse, limb_ellipse};
+pub use limits::ScreenLimits;
 pub use pinhole::Pinhole;
 pub use setup::{CameraSetup, FacilitySetup, Intrinsics, ResponseSetup, ScreenSetup, Setup};
 pub use warp::{WarpDirection, WarpMap};

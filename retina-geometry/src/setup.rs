@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use retina_files::{InputError, parse_schema, read_text};
 use serde::Deserialize;
 
-use crate::{NoiseSetup, OpticsSetup, Pinhole};
+use crate::{NoiseSetup, OpticsSetup, Pinhole, ScreenLimits};
 
 /// A facility configuration: screen, camera, and how the one shows on the other.
 #[derive(Debug, Clone, Deserialize)]
@@ -55,6 +55,9 @@ pub struct ScreenSetup {
     /// Effective wavelength of each channel, nm.
     #[serde(default)]
     pub wavelength_nm: Wavelengths,
+    /// What it must not be asked to show.
+    #[serde(default)]
+    pub limits: ScreenLimits,
 }
 
 /// Effective wavelengths of the three channels (paper, "Radiometric calibration").
@@ -202,6 +205,7 @@ impl Setup {
                 .found(self.screen.bits)
                 .expected("8"));
         }
+        self.screen.limits.check(path)?;
         self.optics.check(path)?;
         self.noise.check(path)?;
         if self.facility.observed_rows_px.is_none() && self.facility.intrinsics.is_none() {

@@ -119,7 +119,11 @@ pub fn check(
 /// Whether the wait between showing and taking is long enough.
 fn times(setup: &Setup, rig: &mut Rig<'_>) -> Result<Finding, LabError> {
     let what = "time to the glass";
-    let options = LatencyOptions { trials: LATENCY_TRIALS, ..LatencyOptions::default() };
+    let options = LatencyOptions {
+        trials: LATENCY_TRIALS,
+        most_count: setup.screen.limits.most_count,
+        ..LatencyOptions::default()
+    };
     let size_px = [setup.screen.width_px, setup.screen.height_px];
     let waited_s = rig.settle_s;
     // Its own references need a screen that has followed for certain.

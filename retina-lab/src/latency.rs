@@ -28,11 +28,13 @@ pub struct LatencyOptions {
     pub exposure_s: f64,
     /// Side of the square that is lit, screen px.
     pub square_px: u32,
+    /// Largest digital count of the square.
+    pub most_count: u8,
 }
 
 impl Default for LatencyOptions {
     fn default() -> Self {
-        Self { trials: 60, exposure_s: 0.2, square_px: 200 }
+        Self { trials: 60, exposure_s: 0.2, square_px: 200, most_count: 255 }
     }
 }
 
@@ -191,7 +193,7 @@ fn lit_square(
 ) -> Result<(ScreenImage, u8), LabError> {
     rig.show(&ScreenImage::dark(size_px[0], size_px[1]))?;
     let dark = rig.take(options.exposure_s)?.image;
-    let mut count = 255u8;
+    let mut count = options.most_count;
     let mut filled = 0.0;
     for _ in 0..MOST_COUNTS {
         let image = square(size_px, options.square_px, count);

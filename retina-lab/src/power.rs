@@ -142,7 +142,18 @@ pub fn read_power(
             shown = Some(level);
         }
         let at_s = unix_s();
+        if screen.hold(0.0)? {
+            std::thread::sleep(Duration::from_secs_f64(options.settle_s));
+        }
         let value = meter.read(&level, setup)? * options.w_m2_per_unit;
+        if !screen.is_shown() {
+            return Err(LabError::Display {
+                display: "under the meter".into(),
+                problem: "went dark before the reading was there (`screen.limits.longest_s`). The reading is not used. \
+                          Start the same command again to go on, or raise the limit"
+                    .into(),
+            });
+        }
         let first_s = *first_s.get_or_insert(at_s);
         let mut line = if done == 0 { format!("{HEAD}\n") } else { String::new() };
         let _ = writeln!(

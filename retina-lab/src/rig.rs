@@ -27,18 +27,34 @@ impl Rig<'_> {
     /// The screen fails.
     pub fn show(&mut self, image: &ScreenImage) -> Result<(), LabError> {
         self.screen.show(image)?;
-        std::thread::sleep(Duration::from_secs_f64(self.settle_s));
+        self.settle();
         Ok(())
+    }
+
+    fn settle(&self) {
+        std::thread::sleep(Duration::from_secs_f64(self.settle_s));
     }
 
     /// Takes an image of what is shown.
     ///
     /// # Errors
-    /// The camera fails, or the user wants an end.
+    /// The camera fails, the display's limits do not allow so long an exposure, or the user wants an end.
     pub fn take(&mut self, exposure_s: f64) -> Result<Taken, LabError> {
         self.go_on()?;
         self.camera.set(&CameraSettings { exposure_s, gain_db: self.gain_db })?;
-        self.camera.take()
+        if self.screen.hold(exposure_s)? {
+            self.settle();
+        }
+        let taken = self.camera.take()?;
+        if self.screen.is_shown() {
+            return Ok(taken);
+        }
+        Err(LabError::Camera {
+            camera: self.camera.name(),
+            problem: "took so long for its image that the display went dark within it (`screen.limits.longest_s`). \
+                      Raise the limit"
+                .into(),
+        })
     }
 
     /// Fails where the user wants an end.

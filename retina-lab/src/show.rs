@@ -1,15 +1,19 @@
 //! Showing a frame on a screen, and knowing that it is there.
 
 mod command;
+mod dose;
 mod folder;
+mod guarded;
 mod window;
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use retina_bench::ScreenImage;
 use retina_files::InputError;
+use retina_geometry::{ScreenLimits, Setup};
 
 use crate::{LabError, ScreenView};
 
@@ -52,6 +56,18 @@ impl FromStr for ScreenSpec {
     }
 }
 
+impl fmt::Display for ScreenSpec {
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::X11 { display, output: None } => write!(to, "x11:{display}"),
+            Self::X11 { display, output: Some(output) } => write!(to, "x11:{display}@{output}"),
+            Self::Folder(folder) => write!(to, "folder:{}", folder.display()),
+            Self::Command(command) => write!(to, "exec:{command}"),
+            Self::Bench => write!(to, "bench"),
+        }
+    }
+}
+
 /// A screen that frames are shown on. It is dark when it is opened and after it is dropped.
 pub trait Screen: Send {
     /// Shows a frame; returns when it is there.
@@ -59,6 +75,19 @@ pub trait Screen: Send {
     /// # Errors
     /// The frame has another size than the screen; the screen is gone; something covers it.
     fn show(&mut self, image: &ScreenImage) -> Result<(), LabError>;
+
+    /// Keeps the last frame there for `for_s`, s, from now on; true where it had gone dark and was shown again.
+    ///
+    /// # Errors
+    /// The display's limits do not allow this.
+    fn hold(&mut self, _for_s: f64) -> Result<bool, LabError> {
+        Ok(false)
+    }
+
+    /// Whether the last frame is still there: a display with limits goes dark by itself.
+    fn is_shown(&self) -> bool {
+        true
+    }
 
     /// Whether [`Self::show`] has read the frame back from the screen.
     fn verifies(&self) -> bool;
@@ -69,15 +98,16 @@ pub trait Screen: Send {
     }
 }
 
-/// Opens a screen of `size_px`. `bench` is where the virtual bench looks.
+/// Opens the setup's screen, within its limits. `bench` is where the virtual bench looks.
 ///
 /// # Errors
 /// There is no such screen, it has another size, or another program drives it.
 pub fn open_screen(
     spec: &ScreenSpec,
-    size_px: [u32; 2],
+    setup: &Setup,
     bench: &BenchScreen,
 ) -> Result<Box<dyn Screen>, LabError> {
+    let size_px = [setup.screen.width_px, setup.screen.height_px];
     let mut screen: Box<dyn Screen> = match spec {
         ScreenSpec::X11 { display, output } => {
             Box::new(window::Window::open(display, output.as_deref(), size_px)?)
@@ -86,6 +116,11 @@ pub fn open_screen(
         ScreenSpec::Command(command) => Box::new(command::CommandScreen::open(command, size_px)?),
         ScreenSpec::Bench => Box::new(bench.clone()),
     };
+    if setup.screen.limits != ScreenLimits::default() {
+        // A virtual display does not burn in.
+        let counted = *spec != ScreenSpec::Bench;
+        screen = Box::new(guarded::Guarded::new(screen, &spec.to_string(), setup, counted)?);
+    }
     screen.show(&ScreenImage::dark(size_px[0], size_px[1]))?;
     Ok(screen)
 }

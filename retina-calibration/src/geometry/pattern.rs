@@ -19,7 +19,7 @@ pub struct PatternOptions {
     pub points: usize,
     /// Number of screens; six a group of counts where absent.
     pub screens: Option<usize>,
-    /// Digital counts to show; every 0.75 mag from 255 down to 5 where empty.
+    /// Digital counts to show; every 0.75 mag from the display's largest down to 5 where empty.
     pub counts: Vec<u8>,
     /// Lit sub-pixels.
     pub channel: Channel,
@@ -94,7 +94,8 @@ impl Pattern {
     pub fn make(setup: &Setup, options: &PatternOptions) -> Result<Self, InputError> {
         let response = measured_or_power_law(options.response.as_ref(), setup);
         let magnitude = |count: u8| -2.5 * log10_irradiance(&response, Channel::W, f64::from(count));
-        let groups = count_groups(&wanted_counts(options, magnitude), magnitude);
+        let most = setup.screen.limits.most_count;
+        let groups = count_groups(&wanted_counts(options, most, magnitude), magnitude);
         let brightest =
             |group: &[u8]| group.iter().map(|&count| magnitude(count)).fold(f64::INFINITY, f64::min);
         let faintest_group = groups.iter().map(|group| brightest(group)).fold(0.0, f64::max);
@@ -257,11 +258,11 @@ impl Pattern {
     }
 }
 
-fn wanted_counts(options: &PatternOptions, magnitude: impl Fn(u8) -> f64) -> Vec<u8> {
+fn wanted_counts(options: &PatternOptions, most: u8, magnitude: impl Fn(u8) -> f64) -> Vec<u8> {
     let mut counts = options.counts.clone();
     if counts.is_empty() {
-        let mut next = 0.0;
-        for count in (FAINTEST_COUNT..=255).rev() {
+        let mut next = f64::NEG_INFINITY;
+        for count in (FAINTEST_COUNT..=most).rev() {
             if magnitude(count) >= next - 1e-9 {
                 counts.push(count);
                 next = magnitude(count) + STEP_MAG;

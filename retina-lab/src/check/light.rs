@@ -17,7 +17,9 @@ const OUTSTANDING: f32 = 8.0;
 const DIP: f32 = 0.04;
 /// Surroundings of a pixel, px either way.
 const REACH: usize = 6;
-/// Counts at which the response is measured.
+/// Count of the evenly lit screen, where the display's limits allow it.
+const EVEN_COUNT: u8 = 200;
+/// Counts at which the response is measured, of a display that shows 255.
 const COUNTS: [u8; 6] = [64, 96, 128, 160, 208, 255];
 /// Side of the square that shows them, screen px.
 const SQUARE_PX: u32 = 300;
@@ -61,10 +63,11 @@ pub(super) struct Light {
 impl Light {
     pub(super) fn measure(setup: &Setup, rig: &mut Rig<'_>, out: &Path) -> Result<Self, LabError> {
         let (width, height) = (setup.screen.width_px, setup.screen.height_px);
+        let even = setup.screen.limits.most_even_count(setup.response_gamma()).min(EVEN_COUNT);
         let white = ScreenImage {
             width_px: width,
             height_px: height,
-            counts: vec![[200; 3]; (width * height) as usize],
+            counts: vec![[even; 3]; (width * height) as usize],
         };
         let exposure_s = find_exposure(rig, &white, 0.005)?;
         rig.show(&white)?;
@@ -239,14 +242,15 @@ fn quantile(values: &[f32], share: f64) -> f32 {
 /// The display's response, and the camera's: light over count, and over exposure time.
 pub(super) fn response(setup: &Setup, rig: &mut Rig<'_>) -> Result<Vec<Finding>, LabError> {
     let size_px = [setup.screen.width_px, setup.screen.height_px];
-    let exposure_s = find_exposure(rig, &square(size_px, SQUARE_PX, 255), 0.005)?;
+    let most = setup.screen.limits.most_count;
+    let exposure_s = find_exposure(rig, &square(size_px, SQUARE_PX, most), 0.005)?;
     let dark = ScreenImage::dark(size_px[0], size_px[1]);
     let mut seen = |count: u8, exposure_s: f64| -> Result<CameraImage, LabError> {
         rig.show(&if count == 0 { dark.clone() } else { square(size_px, SQUARE_PX, count) })?;
         Ok(rig.take(exposure_s)?.image)
     };
     let without = seen(0, exposure_s)?;
-    let full = seen(255, exposure_s)?;
+    let full = seen(most, exposure_s)?;
     let brightest = quantile(&full.values, 0.999) - quantile(&without.values, 0.5);
     let lit: Vec<usize> = (0..full.values.len())
         .filter(|&pixel| full.values[pixel] - without.values[pixel] > 0.7 * brightest)
@@ -257,6 +261,7 @@ pub(super) fn response(setup: &Setup, rig: &mut Rig<'_>) -> Result<Vec<Finding>,
     };
     let mut light = Vec::new();
     for count in COUNTS {
+        let count = (f64::from(count) * f64::from(most) / 255.0).round() as u8;
         light.push((f64::from(count) / 255.0, of(&seen(count, exposure_s)?, &without)));
     }
     let rises = light.windows(2).all(|pair| pair[1].1 > pair[0].1);
@@ -280,7 +285,7 @@ pub(super) fn response(setup: &Setup, rig: &mut Rig<'_>) -> Result<Vec<Finding>,
     )
     .with(&[("gamma", gamma), ("expected_gamma", wanted)]);
     let half_dark = seen(0, 0.5 * exposure_s)?;
-    let ratio = of(&seen(255, 0.5 * exposure_s)?, &half_dark) / of(&full, &without);
+    let ratio = of(&seen(most, 0.5 * exposure_s)?, &half_dark) / of(&full, &without);
     let camera = Finding::new(
         "response of the camera",
         Grade::of((ratio / 0.5 - 1.0).abs(), 0.02, 0.1),
@@ -304,7 +309,7 @@ pub(super) fn refresh(setup: &Setup, rig: &mut Rig<'_>) -> Result<Finding, LabEr
         Err(error) => return Err(error),
     };
     let mut sums = Vec::new();
-    rig.show(&square(size_px, SQUARE_PX, 255))?;
+    rig.show(&square(size_px, SQUARE_PX, setup.screen.limits.most_count))?;
     for k in 0..FLICKER_IMAGES {
         // Other phases of the refresh, whatever the camera's rate.
         std::thread::sleep(std::time::Duration::from_micros(1700 * (k as u64 % 7)));

@@ -76,7 +76,7 @@ fn known_delays_are_found() {
     let mut camera = Late { glass, exposure_s: 0.0, before_s: 0.008, transfer_s: 0.030 };
     let mut rig =
         Rig { screen: &mut screen, camera: &mut camera, settle_s: 0.03, gain_db: 0.0, stop: &|| false };
-    let options = LatencyOptions { trials: 15, exposure_s: 0.1, square_px: 8 };
+    let options = LatencyOptions { trials: 15, exposure_s: 0.1, square_px: 8, most_count: 255 };
     let found = measure_latency(&mut rig, [32, 24], &options, |_, _| {}).unwrap();
     assert_eq!((found.trials.len(), found.digital_count), (15, 255));
     // A busy machine sleeps too long now and then, never too short: medians.
@@ -94,7 +94,7 @@ fn a_change_that_is_never_seen_is_told() {
     let mut camera = Late { glass, exposure_s: 0.0, before_s: 0.0, transfer_s: 0.0 };
     let mut rig =
         Rig { screen: &mut screen, camera: &mut camera, settle_s: 0.11, gain_db: 0.0, stop: &|| false };
-    let options = LatencyOptions { trials: 5, exposure_s: 0.01, square_px: 8 };
+    let options = LatencyOptions { trials: 5, exposure_s: 0.01, square_px: 8, most_count: 255 };
     let error = measure_latency(&mut rig, [32, 24], &options, |_, _| {}).unwrap_err().to_string();
     assert!(error.contains("longer --exposure-s"), "{error}");
 }

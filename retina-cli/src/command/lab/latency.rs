@@ -42,7 +42,11 @@ const REFRESH_S: f64 = 1.0 / 60.0;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut devices = arguments.devices.open()?;
-    let mut options = LatencyOptions { trials: arguments.trials.into(), ..LatencyOptions::default() };
+    let mut options = LatencyOptions {
+        trials: arguments.trials.into(),
+        most_count: devices.setup.screen.limits.most_count,
+        ..LatencyOptions::default()
+    };
     match devices.capture.exposures_s.as_slice() {
         [] => {}
         [one] => options.exposure_s = *one,

@@ -222,7 +222,7 @@ impl DeviceArguments {
         };
         // The camera first: no frame is shown that nobody could see.
         let camera = open_camera(&camera, setup.camera.bits, bench)?;
-        let screen = open_screen(&screen, size_px, &shared)?;
+        let screen = open_screen(&screen, &setup, &shared)?;
         for remark in screen.remarks() {
             tell!("warning: screen {}: {remark}", self.screen);
         }

@@ -102,7 +102,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let setup = read_setup(&arguments.setup)?;
     let usual = PowerOptions::default();
-    let counts = if arguments.counts.is_empty() { usual.counts } else { arguments.counts.clone() };
+    let mut counts = if arguments.counts.is_empty() { usual.counts } else { arguments.counts.clone() };
+    let most_count = setup.screen.limits.most_count;
+    if arguments.counts.is_empty() {
+        counts.retain(|&count| count <= most_count);
+    } else if let Some(count) = counts.iter().find(|count| **count > most_count) {
+        let expected = format!("up to {most_count}, the setup's `screen.limits.most_count`");
+        return Err(wrong("--counts", count.to_string(), &expected));
+    }
     let squares = if arguments.squares.is_empty() { usual.squares_px } else { arguments.squares.clone() };
     let squares: Vec<u32> = squares.into_iter().filter(|side| *side > 0).collect();
     let most_px = setup.screen.width_px.min(setup.screen.height_px);
@@ -119,7 +126,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     std::fs::create_dir_all(&arguments.out)
         .map_err(|error| InputError::new(&arguments.out, format!("cannot be written: {error}")))?;
     let size_px = [setup.screen.width_px, setup.screen.height_px];
-    let mut screen = open_screen(&spec, size_px, &BenchScreen::new(size_px))?;
+    let mut screen = open_screen(&spec, &setup, &BenchScreen::new(size_px))?;
     for remark in screen.remarks() {
         tell!("warning: screen {}: {remark}", arguments.screen);
     }
