@@ -50,6 +50,13 @@ impl CameraImage {
         }
         Ok(self)
     }
+
+    /// With pixels that are no number (NaN) where the mask (row by row) is false: what is not seen.
+    #[must_use]
+    pub fn seen_in(mut self, mask: &[bool]) -> Self {
+        self.values.iter_mut().zip(mask).filter(|(_, seen)| !**seen).for_each(|(value, _)| *value = f32::NAN);
+        self
+    }
 }
 
 /// Reads a mask: a picture whose pixels count where they are not 0, but for those within 3 px of one that is.

@@ -98,11 +98,14 @@ fn discs_of_a_sphere_are_found_within_their_covariance() {
 #[test]
 fn discs_of_an_ellipsoid_are_found_within_their_covariance() {
     let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.4, -0.9, 1.3);
-    let body = LimbBody {
-        semi_axes_m: DVec3::new(1.0, 0.93, 0.85) * RADIUS_M,
-        camera_from_body: DMat3::from_quat(turn),
-    };
+    let body = LimbBody::ellipsoid(DVec3::new(1.0, 0.93, 0.85) * RADIUS_M, DMat3::from_quat(turn));
     check(&draws(&body, 0.0), "ellipsoid", 0.02, NEES_BOUNDS);
+}
+
+/// Brightness that goes with the root of the depth pulls edges outwards: by 0.04 px of the radius if nobody takes it off.
+#[test]
+fn shaded_discs_keep_their_radius() {
+    check(&draws(&LimbBody::sphere(RADIUS_M), 1.0), "shaded sphere", 0.02, NEES_BOUNDS);
 }
 
 /// Without the Sun's direction: phases of 0 to 15 deg, shaded or not.

@@ -16,7 +16,8 @@ use retina_navigation::limb::{LimbBody, LimbCamera, LimbOptions, LimbSolution, R
 const SIZE: [u32; 2] = [240, 200];
 
 fn solve(image: &CameraImage) -> Result<LimbSolution, Refusal> {
-    let camera = LimbCamera::pinhole(Pinhole::centred(3000.0, SIZE));
+    // So narrow a field that a sphere off the axis is a circle, as it is drawn here.
+    let camera = LimbCamera::pinhole(Pinhole::centred(100_000.0, SIZE));
     solve_limb(image, &camera, &LimbBody::sphere(1.7374e6), &LimbOptions::default())
 }
 
@@ -44,6 +45,49 @@ fn thin_crescent_eclipse_and_saturation_are_refused() {
     assert!(["thin_crescent", "no_body"].contains(&refusal.reason()), "{refusal}");
     assert_eq!(solve(&disc([120.0, 100.0], 70.0, 0.0, 0.0)).unwrap_err().reason(), "no_body");
     assert_eq!(solve(&disc([120.0, 100.0], 70.0, 0.0, 9000.0)).unwrap_err().reason(), "saturated");
+}
+
+/// Discs at 24 turns of an oblate outline or of a smear: what comes of each.
+fn outcomes(change: impl Fn(f64) -> CameraImage) -> Vec<&'static str> {
+    let outcomes = (0..24).map(|turn| solve(&change(f64::from(turn) * 0.26)));
+    outcomes.map(|outcome| outcome.map_or_else(|refusal| refusal.reason(), |_| "solved")).collect()
+}
+
+#[test]
+fn a_flattened_body_is_no_sphere() {
+    let outline = |semi_axes_px: [f64; 2], angle_rad| {
+        let limb = LimbEllipse { center_px: DVec2::new(120.0, 100.0), semi_axes_px, angle_rad };
+        let disc = Disc { limb, phase_rad: 0.9, sun_rad: 0.4, light_dn: 2000.0, psf_px: 0.8, shading: 0.0 };
+        let mut image = disc.draw(SIZE);
+        add_noise(&mut image, 6.0, &mut ChaCha8Rng::seed_from_u64(3));
+        image
+    };
+    assert_eq!(outcomes(|turn| outline([72.0, 68.0], turn)), ["other_outline"; 24]);
+    assert_eq!(outcomes(|turn| outline([70.0, 70.0], turn)), ["solved"; 24]);
+}
+
+#[test]
+fn a_smeared_limb_is_refused() {
+    let sharp = disc([120.0, 100.0], 70.0, 50.0, 2000.0);
+    let smeared = |length_px: f64, angle_rad: f64| {
+        let mut image = sharp.clone();
+        let steps: Vec<DVec2> =
+            (-20..=20).map(|k| DVec2::from_angle(angle_rad) * (f64::from(k) * length_px / 40.0)).collect();
+        for (k, value) in image.values.iter_mut().enumerate() {
+            let at = DVec2::new((k % 240) as f64, (k / 240) as f64);
+            let sum: f32 = steps
+                .iter()
+                .map(|step| {
+                    let from = (at + step).round().clamp(DVec2::ZERO, DVec2::new(239.0, 199.0));
+                    sharp.values[from.y as usize * 240 + from.x as usize]
+                })
+                .sum();
+            *value = sum / steps.len() as f32;
+        }
+        image
+    };
+    assert_eq!(outcomes(|angle| smeared(8.0, angle)), ["smeared"; 24]);
+    assert_eq!(outcomes(|angle| smeared(0.0, angle)), ["solved"; 24]);
 }
 
 /// Noise, stars of several widths up to 12 px, clouds, stripes.

@@ -125,7 +125,16 @@ macro_rules! by_its_text {
         })*
     };
 }
-by_its_text!(OpticsError, EphemerisError, ObserverError, EpochError, BodyError);
+by_its_text!(OpticsError, EphemerisError, ObserverError, EpochError);
+
+impl From<BodyError> for Failure {
+    fn from(error: BodyError) -> Self {
+        match error {
+            BodyError::Mesh(error) => error.into(),
+            error => Self { problem: error.to_string(), ..Self::default() },
+        }
+    }
+}
 
 impl From<Failure> for PyErr {
     fn from(failure: Failure) -> Self {

@@ -8,7 +8,6 @@ use pyo3::types::PyDict;
 use retina::geometry::Pinhole;
 use retina::glam::{DMat3, DVec3};
 use retina::image::CameraImage;
-use retina::model::load_body;
 use retina::navigation::limb::{KnownBody, LimbAnswer, LimbCamera, LimbQuestion, Mapping};
 use retina::navigation::products::limb_picture;
 use retina::sky::planets::{Planet, seen_planet};
@@ -59,13 +58,7 @@ pub(crate) fn fit_limb<'py>(
     let camera_from_body =
         camera_from_body.map(|turn| quaternion("camera_from_body", &turn)).transpose()?.map(DMat3::from_quat);
     let known = known_body(py, body, camera_from_body)?;
-    let given_height = limb_height_sigma_m.is_some();
-    let known = KnownBody {
-        limb_height_m: limb_height_m.unwrap_or(known.limb_height_m),
-        limb_height_sigma_m: limb_height_sigma_m.unwrap_or(known.limb_height_sigma_m),
-        limb_height_source: if given_height { "as given".to_owned() } else { known.limb_height_source },
-        ..known
-    };
+    let known = known.with_given_limb(limb_height_m, limb_height_sigma_m);
     let expected = match (observer, known.planet) {
         (None, _) => None,
         (Some(observer), Some(planet)) => {
@@ -117,6 +110,7 @@ pub(crate) fn fit_limb<'py>(
         focal_sigma_share: focal_sigma_share.unwrap_or(usual_share),
         body: known,
         sun_angle_rad,
+        phase_rad: None,
         expected,
         tone_sigma_share: if picture.linearised { LimbQuestion::TONE_SIGMA_SHARE } else { 0.0 },
     };
@@ -151,13 +145,7 @@ fn known_body(py: Python<'_>, body: BodyOf<'_>, turn: Option<DMat3>) -> PyResult
         BodyOf::Named(name) => match Planet::from_name(&name) {
             Some(planet) => KnownBody::planet(planet, turn),
             None if PathBuf::from(&name).extension().is_some() => {
-                let path = PathBuf::from(&name);
-                let shape = py.detach(|| load_body(&path)?.ellipsoid(&path)).map_err(Failure::from)?;
-                let turn = turn.map(|camera_from_body| camera_from_body * shape.body_from_axes);
-                let stem = path.file_stem().map_or(name.clone(), |stem| stem.to_string_lossy().into());
-                KnownBody::ellipsoid(&stem, shape.semi_axes_m, turn).map(|known| {
-                    known.with_limb(0.0, shape.rms_height_m, "the mesh's height above its ellipsoid, rms")
-                })
+                py.detach(|| KnownBody::mesh(&PathBuf::from(&name), turn))
             }
             None => {
                 let expected =
@@ -196,6 +184,6 @@ impl PyLimbAnswer {
 
     /// The image with the fitted outline, and the residuals along the limb, as SVG.
     fn svg(&self, py: Python<'_>, title: &str) -> String {
-        py.detach(|| limb_picture(&self.question, &self.answer, &self.image, title).to_svg())
+        py.detach(|| limb_picture(&self.answer, &self.image, title).to_svg())
     }
 }

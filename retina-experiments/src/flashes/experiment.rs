@@ -59,6 +59,7 @@ pub fn run_scenario(
             body: None,
             selection: Selection::default(),
             limb: LimbOptions::default(),
+            silhouette: None,
             pointing_sigma_rad: 0.0,
         })?;
         let count = source.frames.len();

@@ -75,6 +75,7 @@ pub fn run_scenario(
                 limb_height_sigma_m: scenario.limb.height_sigma_m,
                 ..LimbOptions::default()
             },
+            silhouette: scenario.silhouette.clone(),
             pointing_sigma_rad: if kind == ImageKind::Camera { pointing } else { 0.0 },
         })?;
         let list = out.join(format!("{label}.jsonl"));

@@ -54,11 +54,13 @@ pub fn document(source: &Source, sequence: &Sequence) -> Value {
         Mapping::Pinhole => "pinhole",
         Mapping::Downstream(_) => "downstream",
         Mapping::Screen(_) => "screen",
+        Mapping::Stars(_) => "stars",
     };
     let mut out = sequence.json(true);
     out["schema"] = json!("retina.navigation-full-disk/1");
     out["kind"] = json!(kind);
     out["mapping"] = json!(mapping);
+    out["silhouette"] = json!(source.choice.silhouette);
     out["limb_height_m"] = json!(source.choice.limb.limb_height_m);
     out["limb_height_sigma_m"] = json!(source.choice.limb.limb_height_sigma_m);
     out["pointing_sigma_arcsec"] = json!(source.choice.pointing_sigma_rad.to_degrees() * 3600.0);

@@ -18,12 +18,14 @@ pub struct FullDiskScenario {
     pub full_well_share: f64,
     /// What is known of the limb.
     pub limb: LimbTable,
+    /// Mesh whose silhouette is fitted instead of the reference ellipsoid's outline.
+    pub silhouette: Option<PathBuf>,
     /// The filter.
     pub filter: FilterOptions,
 }
 
 /// What is known of the limb and the attitude.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LimbTable {
     /// Mean height of the seen limb above the reference surface, m.
@@ -32,6 +34,9 @@ pub struct LimbTable {
     pub height_sigma_m: f64,
     /// Standard deviation per axis of the known attitude in a camera image, arcsec; the setup's jitter where absent.
     pub pointing_sigma_arcsec: Option<f64>,
+    /// Mesh of the body, relative to the scenario: its silhouette is fitted. Without it, the outline of the reference
+    /// ellipsoid is.
+    pub silhouette: Option<PathBuf>,
 }
 
 #[derive(Deserialize)]
@@ -115,6 +120,13 @@ impl FullDiskScenario {
                 ("filter.settle_h", f.settle_h, (0.0..1e6).contains(&f.settle_h), "0 or more"),
             ],
         )?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let silhouette = file.limb.silhouette.as_ref().map(|mesh| folder.join(mesh));
+        if let Some(missing) = silhouette.as_ref().filter(|mesh| !mesh.is_file()) {
+            return Err(InputError::new(missing, "is not there")
+                .expected("the mesh of the body")
+                .help("mend the key `limb.silhouette`, which is relative to the scenario, or leave it out"));
+        }
         let keys = ChainKeys {
             scene: file.scene,
             every: file.every,
@@ -126,6 +138,7 @@ impl FullDiskScenario {
         Ok(Self {
             chain: ChainScenario::new(path, keys)?,
             full_well_share: file.full_well_share,
+            silhouette,
             limb: file.limb,
             filter: file.filter,
         })

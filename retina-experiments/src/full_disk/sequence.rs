@@ -80,35 +80,35 @@ pub fn navigate_frame(source: &Source, frame: usize) -> Result<FrameResult, Inpu
         sun_direction_px: truth.sun_direction_px().or(source.choice.limb.sun_direction_px),
         ..source.choice.limb
     };
-    let (outcome, message, position) = match solve_limb(&image, &source.camera, &truth.limb_body(), &options)
-    {
-        Err(refusal) => (refusal.reason().to_owned(), Some(refusal.to_string()), None),
-        Ok(solution) => {
-            let found = solution.position_camera_m;
-            // An attitude that is off moves the body across the line of sight.
-            let along = found.normalize();
-            let outer = DMat3::from_cols(along * along.x, along * along.y, along * along.z);
-            let pointing =
-                (DMat3::IDENTITY - outer) * (found.length() * source.choice.pointing_sigma_rad).powi(2);
-            let covariance = solution.covariance_m2 + pointing;
-            let error = found - truth.position_camera_m;
-            let position = Position {
-                position_camera_m: found.to_array(),
-                error_m: error.to_array(),
-                covariance_m2: columns(covariance),
-                noise_covariance_m2: columns(solution.noise_covariance_m2 + pointing),
-                nees: error.dot(covariance.inverse() * error),
-                center_px: solution.ellipse.center_px.to_array(),
-                radius_px: solution.radius_px,
-                rms_px: solution.rms_px,
-                excess_px: solution.excess_sigma_px,
-                blur_px: solution.blur_sigma_px,
-                arc_deg: solution.arc_rad.to_degrees(),
-                points: solution.points.iter().filter(|point| point.used).count(),
-            };
-            ("solved".to_owned(), None, Some(position))
-        }
-    };
+    let (outcome, message, position) =
+        match solve_limb(&image, &source.camera, &source.limb_body(&truth), &options) {
+            Err(refusal) => (refusal.reason().to_owned(), Some(refusal.to_string()), None),
+            Ok(solution) => {
+                let found = solution.position_camera_m;
+                // An attitude that is off moves the body across the line of sight.
+                let along = found.normalize();
+                let outer = DMat3::from_cols(along * along.x, along * along.y, along * along.z);
+                let pointing =
+                    (DMat3::IDENTITY - outer) * (found.length() * source.choice.pointing_sigma_rad).powi(2);
+                let covariance = solution.covariance_m2 + pointing;
+                let error = found - truth.position_camera_m;
+                let position = Position {
+                    position_camera_m: found.to_array(),
+                    error_m: error.to_array(),
+                    covariance_m2: columns(covariance),
+                    noise_covariance_m2: columns(solution.noise_covariance_m2 + pointing),
+                    nees: error.dot(covariance.inverse() * error),
+                    center_px: solution.ellipse.center_px.to_array(),
+                    radius_px: solution.radius_px,
+                    rms_px: solution.rms_px,
+                    excess_px: solution.excess_sigma_px,
+                    blur_px: solution.blur_sigma_px,
+                    arc_deg: solution.arc_rad.to_degrees(),
+                    points: solution.points.iter().filter(|point| point.used).count(),
+                };
+                ("solved".to_owned(), None, Some(position))
+            }
+        };
     Ok(result(&truth, outcome, message, position, inputs))
 }
 

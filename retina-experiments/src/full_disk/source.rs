@@ -2,17 +2,19 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use retina_batch::{Selection, read_exr};
 use retina_files::{InputError, hash_bytes, hash_file, read_text};
 use retina_formats::{Calibration, MeasuredResponse, measured_or_power_law};
 use retina_geometry::Setup;
 use retina_image::{CameraImage, ReadOptions, Steps};
+use retina_model::load_body;
 use retina_radiometry::ScreenResponse;
 use serde::{Deserialize, Serialize};
 
 use super::truth::FrameTruth;
-use retina_navigation::limb::{LimbCamera, LimbOptions, Mapping};
+use retina_navigation::limb::{BodyShape, LimbBody, LimbCamera, LimbOptions, Mapping};
 
 /// What an image is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -43,6 +45,8 @@ pub struct SourceChoice {
     pub selection: Selection,
     /// What is known of the limb.
     pub limb: LimbOptions,
+    /// Mesh of the body, whose silhouette is fitted; without, the reference ellipsoid's outline is.
+    pub silhouette: Option<PathBuf>,
     /// Standard deviation per axis of the known attitude in an image, rad.
     pub pointing_sigma_rad: f64,
 }
@@ -68,6 +72,7 @@ pub struct Source {
     pub(crate) setup: Option<Setup>,
     /// Of the photographs, where their list says it.
     pub(crate) exposure_s: Option<f64>,
+    shape: Option<Arc<BodyShape>>,
 }
 
 /// A line of `manifest.jsonl`, as far as it is needed.
@@ -157,8 +162,22 @@ impl Source {
         for path in [&choice.setup, &calibration].into_iter().flatten() {
             text.push_str(&read_text(path)?);
         }
+        let shape = match &choice.silhouette {
+            None => None,
+            Some(path) => {
+                text.push_str(&hash_file(path)?);
+                let mesh = load_body(path)?;
+                let vertices_m = mesh.vertices.iter().map(|vertex| vertex.position_m).collect();
+                Some(Arc::new(BodyShape::new(vertices_m, &mesh.triangles)))
+            }
+        };
         let hash = hash_bytes(text.as_bytes());
-        Ok(Self { kind, camera, frames, hash, notes, light, full_w_m2_nm, setup, exposure_s, choice })
+        Ok(Self { kind, camera, frames, hash, notes, light, full_w_m2_nm, setup, exposure_s, shape, choice })
+    }
+
+    /// The body of a frame as the limb's fit takes it.
+    pub fn limb_body(&self, truth: &FrameTruth) -> LimbBody {
+        LimbBody { shape: self.shape.clone(), ..truth.limb_body() }
     }
 
     /// A frame's truth.

@@ -157,10 +157,7 @@ impl FrameTruth {
 
     /// The body as the limb's fit takes it.
     pub fn limb_body(&self) -> LimbBody {
-        LimbBody {
-            semi_axes_m: self.semi_axes_m,
-            camera_from_body: glam::DMat3::from_quat(self.camera_from_body),
-        }
+        LimbBody::ellipsoid(self.semi_axes_m, glam::DMat3::from_quat(self.camera_from_body))
     }
 
     /// Towards the Sun in the image; `None` where it stands behind the camera or behind the body to a degree.

@@ -1,20 +1,28 @@
 //! The bodies that a photograph may show.
 
+use std::path::Path;
+use std::sync::Arc;
+
 use glam::{DMat3, DVec3};
+use retina_files::InputError;
+use retina_model::load_body;
 use retina_sky::planets::Planet;
 use thiserror::Error;
 
-use super::LimbBody;
+use super::{BodyShape, LimbBody};
 
 /// Axes that differ by more than this share of their mean need the attitude: the outline depends on it.
 const MOST_UNKNOWN_FLATTENING: f64 = 0.02;
+/// What a mesh may be wrong by where nothing is said of it, share of its rms height above its ellipsoid.
+const MODEL_SIGMA_SHARE: f64 = 0.1;
+const MODEL_SIGMA_SOURCE: &str = "an allowance for the mesh: a tenth of its height above its ellipsoid, rms";
 
 /// A body whose limb is looked for, and what is known of its limb.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KnownBody {
     /// Its name in files.
     pub name: String,
-    /// The ellipsoid whose outline is fitted.
+    /// What is fitted: an ellipsoid's outline or a mesh's silhouette.
     pub body: LimbBody,
     /// Mean height of the seen limb above the ellipsoid, m.
     pub limb_height_m: f64,
@@ -24,6 +32,14 @@ pub struct KnownBody {
     pub limb_height_source: String,
     /// Its ephemeris.
     pub planet: Option<Planet>,
+    /// Its attitude was given; otherwise it counts as a sphere.
+    pub attitude_given: bool,
+    /// Mesh whose silhouette is fitted once the attitude is known, with the mesh's rms height above its ellipsoid, m.
+    silhouette: Option<(Arc<BodyShape>, f64)>,
+    /// Height of the limb and its standard deviation, m, where they were given.
+    given_limb_m: [Option<f64>; 2],
+    /// Semi-axes along the body's axes, m: those of `body` are a sphere's where no attitude is known.
+    axes_m: DVec3,
 }
 
 /// A body whose outline cannot be known.
@@ -35,6 +51,9 @@ pub enum BodyError {
         /// The semi-axes found, m.
         found_m: DVec3,
     },
+    /// A mesh cannot be read, or has no volume.
+    #[error(transparent)]
+    Mesh(#[from] InputError),
     /// The outline depends on an attitude that is not known.
     #[error(
         "the body's semi-axes differ by {percent:.1} % of their mean: its outline depends on its attitude, which is not \
@@ -78,11 +97,9 @@ impl KnownBody {
         let flattening = 3.0 * (greatest_m - least_m) / (least_m + middle_m + greatest_m);
         let round = flattening == 0.0;
         let (body, sigma_m, source) = match camera_from_body {
-            Some(turn) => (
-                LimbBody { semi_axes_m, camera_from_body: turn },
-                0.0,
-                "none was given for this body".to_owned(),
-            ),
+            Some(turn) => {
+                (LimbBody::ellipsoid(semi_axes_m, turn), 0.0, "none was given for this body".to_owned())
+            }
             None if flattening > MOST_UNKNOWN_FLATTENING => {
                 return Err(BodyError::Attitude { percent: 100.0 * flattening });
             }
@@ -101,7 +118,83 @@ impl KnownBody {
             limb_height_sigma_m: sigma_m,
             limb_height_source: source,
             planet: None,
+            attitude_given: camera_from_body.is_some(),
+            silhouette: None,
+            given_limb_m: [None; 2],
+            axes_m: semi_axes_m,
         })
+    }
+
+    /// The body of a mesh (`.glb`, `.gltf`, `.obj`). In a known attitude its silhouette is fitted, and its place is the
+    /// origin of its axes; otherwise its ellipsoid's outline, if that is nearly round, and its place is the centre of
+    /// figure.
+    ///
+    /// # Errors
+    /// The mesh cannot be read, is open, or is not round enough for an unknown attitude.
+    pub fn mesh(path: &Path, camera_from_body: Option<DMat3>) -> Result<Self, BodyError> {
+        let mesh = load_body(path)?;
+        let ellipsoid = mesh.ellipsoid(path)?;
+        let name = path.file_stem().map_or_else(|| "body".into(), |stem| stem.to_string_lossy());
+        let axes_m = ellipsoid.semi_axes_m;
+        let Some(turn) = camera_from_body else {
+            return Ok(Self::ellipsoid(&name, axes_m, None)?.with_limb(
+                0.0,
+                ellipsoid.rms_height_m,
+                "the mesh's height above its ellipsoid, rms",
+            ));
+        };
+        let axes_from_body = ellipsoid.body_from_axes.transpose();
+        let vertices_m = mesh.vertices.iter().map(|vertex| axes_from_body * vertex.position_m).collect();
+        let mut known = Self::ellipsoid(&name, axes_m, Some(turn * ellipsoid.body_from_axes))?.with_limb(
+            0.0,
+            MODEL_SIGMA_SHARE * ellipsoid.rms_height_m,
+            MODEL_SIGMA_SOURCE,
+        );
+        known.body.shape = Some(Arc::new(BodyShape::new(vertices_m, &mesh.triangles)));
+        Ok(known)
+    }
+
+    /// With the silhouette of a mesh in the body's own axes, to be fitted where the attitude is known.
+    ///
+    /// # Errors
+    /// The mesh cannot be read, or has no volume.
+    pub fn with_silhouette(mut self, path: &Path) -> Result<Self, BodyError> {
+        let mesh = load_body(path)?;
+        let rms_height_m = mesh.ellipsoid(path)?.rms_height_m;
+        let vertices_m = mesh.vertices.iter().map(|vertex| vertex.position_m).collect();
+        self.silhouette = Some((Arc::new(BodyShape::new(vertices_m, &mesh.triangles)), rms_height_m));
+        if self.attitude_given {
+            let turn = self.body.camera_from_body;
+            return Ok(self.turned(turn));
+        }
+        Ok(self)
+    }
+
+    /// In a known attitude: with its own axes, and its silhouette if it has one.
+    #[must_use]
+    pub fn turned(mut self, camera_from_body: DMat3) -> Self {
+        self.body = LimbBody::ellipsoid(self.axes_m, camera_from_body);
+        self.attitude_given = true;
+        if let Some((shape, rms_height_m)) = &self.silhouette {
+            self.body.shape = Some(Arc::clone(shape));
+            self.limb_height_m = 0.0;
+            self.limb_height_sigma_m = MODEL_SIGMA_SHARE * rms_height_m;
+            MODEL_SIGMA_SOURCE.clone_into(&mut self.limb_height_source);
+        }
+        let [height_m, sigma_m] = self.given_limb_m;
+        self.with_given_limb(height_m, sigma_m)
+    }
+
+    /// With the limb's mean height and its standard deviation (m) where they are given.
+    #[must_use]
+    pub fn with_given_limb(mut self, height_m: Option<f64>, sigma_m: Option<f64>) -> Self {
+        self.given_limb_m = [height_m, sigma_m];
+        self.limb_height_m = height_m.unwrap_or(self.limb_height_m);
+        if let Some(sigma_m) = sigma_m {
+            self.limb_height_sigma_m = sigma_m;
+            "as given".clone_into(&mut self.limb_height_source);
+        }
+        self
     }
 
     /// With a limb of this mean height and standard deviation, m; the flattening's part of the latter stays.

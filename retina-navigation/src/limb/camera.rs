@@ -4,6 +4,8 @@ use glam::DVec2;
 use retina_formats::Calibration;
 use retina_geometry::Pinhole;
 
+use crate::stars::{SkyFit, StarCamera};
+
 /// What lies between a pixel's position and the line of sight.
 #[derive(Debug, Clone)]
 pub enum Mapping {
@@ -13,6 +15,32 @@ pub enum Mapping {
     Downstream(Box<Calibration>),
     /// A screen image that was distorted beforehand (upstream): it shows r = D(K_f^-1 u).
     Screen(Box<Calibration>),
+    /// The lens as the stars of the same image have it.
+    Stars(Box<StarLens>),
+}
+
+/// A camera as it was known before, and what stars made of it: focal length, distortion, shape of the pixels.
+#[derive(Debug, Clone)]
+pub struct StarLens {
+    camera: StarCamera,
+    fit: SkyFit,
+}
+
+impl StarLens {
+    /// The camera of an image that stars have solved.
+    pub fn new(camera: StarCamera, fit: SkyFit) -> Self {
+        Self { camera, fit }
+    }
+
+    /// The pinhole that this lens would be without its distortion.
+    pub fn pinhole(camera: &StarCamera, fit: &SkyFit) -> Pinhole {
+        let nominal = camera.pinhole;
+        Pinhole {
+            fx_px: nominal.fx_px * fit.focal_ratio,
+            fy_px: nominal.fy_px * fit.focal_ratio * fit.aspect,
+            ..nominal
+        }
+    }
 }
 
 /// Intrinsics and mapping.
@@ -41,12 +69,14 @@ impl LimbCamera {
                 None => calibration.distortion.undistort(seen).ok(),
             },
             Mapping::Screen(calibration) => Some(calibration.distortion.distort(seen)),
+            Mapping::Stars(lens) => Some(lens.fit.corrected(lens.camera.line_of_sight(pixel)?)),
         }
     }
 
     /// Image position of a line of sight; `None` where D cannot be inverted.
     pub fn pixel(&self, line_of_sight: DVec2) -> Option<DVec2> {
         let seen = match &self.mapping {
+            Mapping::Stars(lens) => return lens.camera.pixel(lens.fit.distorted(line_of_sight)),
             Mapping::Pinhole => line_of_sight,
             Mapping::Downstream(calibration) => calibration.distortion.distort(line_of_sight),
             Mapping::Screen(calibration) => calibration.distortion.undistort(line_of_sight).ok()?,

@@ -1,4 +1,5 @@
-//! The lit blob, and the outline about its outer border: a circle, or an ellipse of known shape.
+//! The lit blob, and the outline about its outer border: a circle, or an ellipse of known shape. Pixels that are no
+//! number are not seen.
 
 use std::ops::Range;
 
@@ -48,6 +49,28 @@ pub(super) struct Coarse {
     pub lit_center_px: DVec2,
     /// Standard deviation of a dark pixel, DN.
     pub noise_dn: f64,
+    /// The border reaches the frame, or pixels that are not seen.
+    pub touches_frame: bool,
+}
+
+impl Coarse {
+    /// Greatest width of the lit area, px: a half ellipse of that width beside a half disc has the area pi R w / 2.
+    pub(super) fn width_px(&self) -> f64 {
+        2.0 * self.lit_px2 / (std::f64::consts::PI * self.radius_px)
+    }
+}
+
+/// The largest lit blob.
+pub(super) struct LitBorder {
+    /// Outer border, px.
+    pub points: Vec<DVec2>,
+    /// Area, px^2.
+    pub lit_px2: f64,
+    /// Centre of the area, px.
+    pub lit_center_px: DVec2,
+    /// Standard deviation of a dark pixel, DN.
+    pub noise_dn: f64,
+    /// The border reaches the frame, or pixels that are not seen.
     pub touches_frame: bool,
 }
 
@@ -67,7 +90,9 @@ fn sky(image: &CameraImage) -> [f64; 2] {
                 sum += pixels.iter().sum::<f32>();
                 count += pixels.len();
             }
-            squares.push((sum / count as f32, [left, top]));
+            if !sum.is_nan() {
+                squares.push((sum / count as f32, [left, top]));
+            }
         }
     }
     squares.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -102,6 +127,15 @@ fn median(values: &mut [f32]) -> f32 {
 
 /// The largest lit blob and its circle; `None` where nothing is lit or no circle can be laid about it.
 pub(super) fn coarse(image: &CameraImage, shape: Shape) -> Option<Coarse> {
+    let LitBorder { points, lit_px2, lit_center_px, noise_dn, touches_frame } = lit_border(image)?;
+    let border: Vec<DVec2> = points.into_iter().map(|pixel| shape.to_circle(pixel)).collect();
+    let (center, radius_px) = circle(&border, touches_frame)?;
+    let center_px = shape.to_image(center);
+    Some(Coarse { center_px, radius_px, lit_px2, lit_center_px, noise_dn, touches_frame })
+}
+
+/// The largest lit blob and its border; `None` where nothing is lit.
+pub(super) fn lit_border(image: &CameraImage) -> Option<LitBorder> {
     let [level, noise_dn] = sky(image);
     let (columns, rows) = (image.width_px as usize / CELL, image.height_px as usize / CELL);
     if columns < 4 || rows < 4 {
@@ -132,12 +166,9 @@ pub(super) fn coarse(image: &CameraImage, shape: Shape) -> Option<Coarse> {
     let blob = largest_blob(&cells, columns, threshold)?;
     let bounds = Bounds::of(&blob);
     let lit_center_px = blob.centers / blob.cells as f64 * CELL as f64;
-    let (border, touches_frame) = border(image, &bounds, level + f64::from(threshold).max(5.0 * noise_dn));
-    let border: Vec<DVec2> = border.into_iter().map(|pixel| shape.to_circle(pixel)).collect();
-    let (center, radius_px) = circle(&border, touches_frame)?;
-    let center_px = shape.to_image(center);
+    let (points, touches_frame) = border(image, &bounds, level + f64::from(threshold).max(5.0 * noise_dn));
     let lit_px2 = (blob.cells * CELL * CELL) as f64;
-    Some(Coarse { center_px, radius_px, lit_px2, lit_center_px, noise_dn, touches_frame })
+    Some(LitBorder { points, lit_px2, lit_center_px, noise_dn, touches_frame })
 }
 
 /// A connected set of cells.
@@ -244,15 +275,21 @@ fn border(image: &CameraImage, bounds: &Bounds, level_dn: f64) -> (Vec<DVec2>, b
         (bounds.right.min(image.width_px as usize), bounds.bottom.min(image.height_px as usize));
     let mut out = Vec::new();
     let mut cut = false;
-    let mut add = |ends: [Option<usize>; 2], frame: [usize; 2], place: &dyn Fn(f64) -> DVec2| {
-        for ((found, edge), side) in ends.into_iter().zip(frame).zip([0.0, 1.0]) {
-            match found {
-                Some(k) if k == edge => cut = true,
-                Some(k) => out.push(place(k as f64 + side)),
-                None => {}
+    let mut add =
+        |values: &dyn Fn(usize) -> f64, count: usize, frame: [usize; 2], place: &dyn Fn(f64) -> DVec2| {
+            let ends = ends(count, |k| values(k) > level_dn);
+            for ((found, edge), side) in ends.into_iter().zip(frame).zip([0.0, 1.0]) {
+                // Its neighbour outside.
+                let beside = |k: usize| {
+                    if side == 0.0 { k.checked_sub(1) } else { Some(k + 1).filter(|k| *k < count) }
+                };
+                match found {
+                    Some(k) if k == edge || beside(k).is_some_and(|k| values(k).is_nan()) => cut = true,
+                    Some(k) => out.push(place(k as f64 + side)),
+                    None => {}
+                }
             }
-        }
-    };
+        };
     let step = |size: usize| (size / 300).max(1);
     let (columns, rows) = (right - bounds.left, bottom - bounds.top);
     // The frame's edge is the end of a scan only where the bounds reach it.
@@ -262,12 +299,12 @@ fn border(image: &CameraImage, bounds: &Bounds, level_dn: f64) -> (Vec<DVec2>, b
         let row = &image.row(y)[bounds.left..right];
         let frame = [begin(bounds.left), end(columns, right, image.width_px as usize)];
         let place = |k| DVec2::new(bounds.left as f64 + k, y as f64 + 0.5);
-        add(ends(columns, |k| f64::from(row[k]) > level_dn), frame, &place);
+        add(&|k| f64::from(row[k]), columns, frame, &place);
     }
     for x in (bounds.left..right).step_by(step(columns)) {
         let frame = [begin(bounds.top), end(rows, bottom, image.height_px as usize)];
         let place = |k| DVec2::new(x as f64 + 0.5, bounds.top as f64 + k);
-        add(ends(rows, |k| f64::from(image.at(x, bounds.top + k)) > level_dn), frame, &place);
+        add(&|k| f64::from(image.at(x, bounds.top + k)), rows, frame, &place);
     }
     (out, cut)
 }

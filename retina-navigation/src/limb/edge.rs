@@ -65,7 +65,7 @@ pub(super) fn ellipse_outline(ellipse: &LimbEllipse, camera: &LimbCamera) -> Vec
 }
 
 /// Pieces of about 5 px.
-fn node_count(radius_px: f64) -> usize {
+pub(super) fn node_count(radius_px: f64) -> usize {
     ((std::f64::consts::TAU * radius_px / 5.0) as usize).clamp(24, 720)
 }
 
@@ -105,7 +105,7 @@ pub(super) struct Sample {
 }
 
 /// The pixels about a node, and the share of inner ones that are saturated; `None` where some would be outside the
-/// frame.
+/// frame, or are not seen (no number).
 pub(super) fn pixels(image: &CameraImage, node: &Node, half_width_px: f64) -> Option<(Vec<Sample>, f64)> {
     let tangent = node.normal.perp();
     let reach = node.normal.abs() * half_width_px + tangent.abs() * node.half_length_px;
@@ -139,6 +139,9 @@ pub(super) fn pixels(image: &CameraImage, node: &Node, half_width_px: f64) -> Op
             let inside = -off.dot(node.normal) - along * along / (2.0 * node.curvature_radius_px);
             if along.abs() > node.half_length_px || inside.abs() > half_width_px {
                 continue;
+            }
+            if line[column].is_nan() {
+                return None;
             }
             let full = line[column] >= saturation;
             inner += usize::from(inside > 0.0);

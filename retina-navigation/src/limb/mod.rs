@@ -3,44 +3,72 @@
 //! 1. `coarse`: the lit blob and the circle about its outer border (RANSAC).
 //! 2. `edge`: sub-pixel edges along the outline on the lit side, by a step with PSF.
 //! 3. `blur`: the width of that PSF, by the edges themselves.
-//! 4. `side`: which side of a nearly full disc is limb, where the Sun's direction is not known.
-//! 5. `fit`: position and covariance without iteration over the position (Christian and Robinson 2016).
+//! 4. `smear`: that width by direction.
+//! 5. `side`: which side of a nearly full disc is limb, where the Sun's direction is not known.
+//! 6. `shading`: what a body's shading does to its edges, by fits in two widths.
+//! 7. `fit`: position and covariance without iteration over the position (Christian and Robinson 2016).
+//! 8. `wave`: whether what is left is a body's relief, or another outline.
 //!
-//! [`solve_limb`] runs them and judges the answer: a body, or a [`Refusal`]. [`LimbQuestion`] asks a photograph of which
+//! [`solve_limb`] runs them, and `judge` says what comes of it: a body, or a [`Refusal`]. [`LimbQuestion`] asks a photograph of which
 //! no attitude is known, and [`KnownBody`] says what may be in it.
 
+mod among_stars;
 mod blur;
 mod body;
 mod camera;
 mod coarse;
 mod edge;
 mod fit;
+mod judge;
+mod lit;
+mod outline;
 mod photograph;
+mod shading;
+mod shape;
 mod side;
+mod smear;
 mod solve;
+mod start;
+mod wave;
+
+use std::sync::Arc;
 
 use glam::{DMat3, DVec2, DVec3};
 use retina_geometry::LimbEllipse;
 use thiserror::Error;
 
+pub use among_stars::{AmongStars, AmongStarsError, CameraPlace, StarsEpoch};
 pub use body::{BodyError, KnownBody};
-pub use camera::{LimbCamera, Mapping};
+pub use camera::{LimbCamera, Mapping, StarLens};
 pub use photograph::{LimbAnswer, LimbQuestion, LimbSight};
+pub use shape::BodyShape;
 pub use solve::{LimbLook, first_look, solve_limb};
 
 /// The body that is looked at.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct LimbBody {
     /// Semi-axes of its ellipsoid along the body axes, m.
     pub semi_axes_m: DVec3,
     /// Turns body axes into camera axes; without effect for a sphere.
     pub camera_from_body: DMat3,
+    /// Its own shape, where its silhouette is to be fitted and not the ellipsoid's outline.
+    pub shape: Option<Arc<BodyShape>>,
 }
 
 impl LimbBody {
     /// A sphere.
     pub fn sphere(radius_m: f64) -> Self {
-        Self { semi_axes_m: DVec3::splat(radius_m), camera_from_body: DMat3::IDENTITY }
+        Self::ellipsoid(DVec3::splat(radius_m), DMat3::IDENTITY)
+    }
+
+    /// An ellipsoid.
+    pub fn ellipsoid(semi_axes_m: DVec3, camera_from_body: DMat3) -> Self {
+        Self { semi_axes_m, camera_from_body, shape: None }
+    }
+
+    /// What is fitted, for files: `ellipsoid` (a sphere is one) or `silhouette`.
+    pub fn outline(&self) -> &'static str {
+        if self.shape.is_some() { "silhouette" } else { "ellipsoid" }
     }
 
     /// Mean of the semi-axes, m.
@@ -132,9 +160,12 @@ pub struct LimbSolution {
     /// The part of the covariance that is new in each image: the edges' own noise, m^2. The rest is terrain and the edge's model,
     /// which images of the same limb share.
     pub noise_covariance_m2: DMat3,
-    /// Outline of the body at that position in the undistorted image.
+    /// Outline of the body's ellipsoid at that position in the undistorted image.
     pub ellipse: LimbEllipse,
-    /// Mean of the outline's semi-axes and its standard deviation, px.
+    /// The outline that was fitted in the image as it is: an ellipse, or the silhouette of the body's own shape, as places
+    /// in turn; where a silhouette jumps, some are missing.
+    pub outline_px: Vec<DVec2>,
+    /// Mean of the ellipse's semi-axes and its standard deviation, px.
     pub radius_px: [f64; 2],
     /// Standard deviations of the outline's centre, px.
     pub center_sigma_px: DVec2,
@@ -146,10 +177,22 @@ pub struct LimbSolution {
     pub excess_sigma_px: f64,
     /// Variance of the position over that of unrelated points: neighbours share terrain.
     pub correlation_factor: f64,
+    /// What is smooth in the residuals.
+    pub wave: LimbWave,
     /// Length of the measured arc, rad.
     pub arc_rad: f64,
     /// Standard deviation of the edge's blur, the pixel's aperture included, px.
     pub blur_sigma_px: f64,
+}
+
+/// What is smooth in the residuals of a limb, beyond what its radius and its centre could take: second and third
+/// harmonics of the position angle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LimbWave {
+    /// Root mean square over the points in use, px.
+    pub rms_px: f64,
+    /// What it takes from the residuals' squares, over their scatter beside it: about 4 where there is no wave.
+    pub gain: f64,
 }
 
 /// Why an image gives no position.
@@ -183,6 +226,27 @@ pub enum Refusal {
         /// Share of the pixels, %.
         percent: f64,
     },
+    /// The border is sharp and smooth, and follows another outline than the body's.
+    #[error(
+        "the border follows another outline than the body's: residuals have a wave of {wave_px:.2} px, and relief makes \
+         {allowed_px:.2} px at most"
+    )]
+    OtherOutline {
+        /// Root mean square of the wave, px.
+        wave_px: f64,
+        /// What the body's relief and the edges' model may make, px.
+        allowed_px: f64,
+    },
+    /// The edges are blurred in one direction more than in another.
+    #[error(
+        "the limb is smeared: its edges are {least_px:.1} px wide in one direction and {most_px:.1} px in another"
+    )]
+    Smeared {
+        /// Least blur of a direction, standard deviation, px.
+        least_px: f64,
+        /// Greatest, px.
+        most_px: f64,
+    },
     /// Something is lit, but its border is not the outline of the body.
     #[error("what is lit is not the body: {why}")]
     NotTheBody {
@@ -199,6 +263,8 @@ impl Refusal {
             Self::CutByFrame { .. } => "cut_by_frame",
             Self::ThinCrescent { .. } => "thin_crescent",
             Self::Saturated { .. } => "saturated",
+            Self::OtherOutline { .. } => "other_outline",
+            Self::Smeared { .. } => "smeared",
             Self::NotTheBody { .. } => "not_the_body",
         }
     }

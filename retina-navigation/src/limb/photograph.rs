@@ -23,6 +23,8 @@ pub struct LimbQuestion {
     pub body: KnownBody,
     /// Position angle of the Sun in the image, rad: 0 is up, a quarter turn is left.
     pub sun_angle_rad: Option<f64>,
+    /// Phase angle, rad, where it is known though no place is.
+    pub phase_rad: Option<f64>,
     /// The body as an ephemeris has it from the camera's place.
     pub expected: Option<SeenPlanet>,
     /// What a tone curve that is not known may shift edges by, share of the blur.
@@ -70,7 +72,7 @@ impl LimbQuestion {
     pub fn solve(&self, image: &CameraImage) -> LimbAnswer {
         let options = LimbOptions {
             sun_direction_px: self.sun_angle_rad.map(direction_px),
-            phase_rad: self.expected.map(|seen| seen.phase_angle_rad),
+            phase_rad: self.expected.map(|seen| seen.phase_angle_rad).or(self.phase_rad),
             tone_sigma_share: self.tone_sigma_share,
             limb_height_m: self.body.limb_height_m,
             limb_height_sigma_m: self.body.limb_height_sigma_m,
@@ -113,7 +115,7 @@ impl LimbQuestion {
             "schema": "retina.navigation-limb/1",
             "solved": answer.sight.is_ok(),
             "body": {
-                "name": self.body.name, "semi_axes_m": axes_m, "limb_height_m": self.body.limb_height_m,
+                "name": self.body.name, "outline": self.body.body.outline(), "semi_axes_m": axes_m, "limb_height_m": self.body.limb_height_m,
                 "limb_height_sigma_m": self.body.limb_height_sigma_m,
                 "limb_height_source": self.body.limb_height_source,
             },
@@ -191,13 +193,20 @@ impl LimbQuestion {
             Refusal::Saturated { .. } => {
                 "Expose for a shorter time: the lit side must stay below full scale, whatever happens to stars".to_owned()
             }
+            Refusal::OtherOutline { .. } => "A flattened body needs --camera-from-body; a body that is not the one that \
+                 was named needs --radii-m. Take out the lens' distortion (--setup, --calibration), expose so briefly that \
+                 nothing smears, and keep the lit limb in the frame. --limb-height-sigma-m states the relief of a rough body"
+                .to_owned(),
+            Refusal::Smeared { .. } => "Expose for a shorter time, hold the camera still, or track the body; a lens with \
+                 astigmatism or coma does the same: focus anew, or put the body in the middle"
+                .to_owned(),
             Refusal::NotTheBody { .. } if self.sun_angle_rad.is_some() => {
                 "Check the body and the Sun's direction (--sun-deg), and try without it; a cloud, a horizon or a tree \
-                 beside the body has to be cut off"
+                 beside the body has to be masked (--mask)"
                     .to_owned()
             }
             Refusal::NotTheBody { .. } => "Check the body; say where the Sun is (--sun-deg); a cloud, a horizon or a tree \
-                 beside the body has to be cut off"
+                 beside the body has to be masked (--mask)"
                 .to_owned(),
         };
         format!("{refusal}. Seen: {seen}{expected}. {advice}")
@@ -271,6 +280,7 @@ impl LimbSight {
             "arc_deg": solution.arc_rad.to_degrees(),
             "rms_px": solution.rms_px,
             "excess_px": solution.excess_sigma_px,
+            "wave_px": solution.wave.rms_px,
             "blur_px": solution.blur_sigma_px,
         })
     }

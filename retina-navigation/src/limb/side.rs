@@ -96,7 +96,7 @@ pub(super) fn side(points: &[Measured], whole: &Fit, outline: &LimbEllipse, phas
         .iter()
         .map(|p| (p.index, (p.residual_px - p.row(best.sun).dot(best.change)) / p.sigma_px))
         .collect();
-    let factor = super::solve::correlation_factor(&scaled);
+    let factor = super::judge::correlation_factor(&scaled);
     let found = (none_seen.chi2 - best.chi2) / factor > LEAST_GAIN;
     let chosen = if found { best.change } else { none_seen.change };
     let mut open_px2 = DMat4::ZERO;

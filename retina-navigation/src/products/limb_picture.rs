@@ -4,7 +4,7 @@ use glam::DVec2;
 use retina_image::CameraImage;
 use retina_plot::{Axis, Colour, ColourMap, Figure, HeatMap, PALETTE, Panel, Style};
 
-use crate::limb::{LimbAnswer, LimbQuestion, LimbSight};
+use crate::limb::{LimbAnswer, LimbSight};
 
 /// Side of the drawing of the body, and size of that of the residuals, px.
 const SIDE_PX: f64 = 720.0;
@@ -13,22 +13,17 @@ const MOST_CELLS: usize = 360;
 const SHADES: f64 = 24.0;
 /// What is shown about the body, radii.
 const ABOUT_RADII: f64 = 1.35;
-/// Nodes of an outline.
-const NODES: usize = 361;
 
 /// The photograph about the body with the fitted outline, the points of the limb and the Sun's direction, and beside it the
 /// points' residuals along the limb. Of a refused photograph the whole, with the circle that a first look saw.
-pub fn limb_picture(
-    question: &LimbQuestion,
-    answer: &LimbAnswer,
-    image: &CameraImage,
-    title: &str,
-) -> Figure {
+pub fn limb_picture(answer: &LimbAnswer, image: &CameraImage, title: &str) -> Figure {
     let size = DVec2::new(f64::from(image.width_px), f64::from(image.height_px));
     let (low, high) = match &answer.sight {
         Err(_) => (DVec2::ZERO, size),
         Ok(sight) => {
-            let reach = DVec2::splat(ABOUT_RADII * sight.solution.radius_px[0] + 6.0);
+            let extent = |place: &DVec2| place.distance(sight.center_px);
+            let radius_px = sight.solution.outline_px.iter().map(extent).fold(0.0, f64::max);
+            let reach = DVec2::splat(ABOUT_RADII * radius_px + 6.0);
             ((sight.center_px - reach).max(DVec2::ZERO), (sight.center_px + reach).min(size))
         }
     };
@@ -50,7 +45,7 @@ pub fn limb_picture(
                 );
             }
         }
-        Ok(sight) => outline(&mut seen, question, sight),
+        Ok(sight) => outline(&mut seen, sight),
     }
     let columns = if answer.sight.is_ok() { 2 } else { 1 };
     let mut figure = Figure::new(title, 1, columns, [SIDE_PX, SIDE_PX]);
@@ -93,17 +88,11 @@ fn shades(image: &CameraImage, low: DVec2, high: DVec2) -> HeatMap {
     }
 }
 
-fn outline(panel: &mut Panel, question: &LimbQuestion, sight: &LimbSight) {
+fn outline(panel: &mut Panel, sight: &LimbSight) {
     let solution = &sight.solution;
-    let ellipse = &solution.ellipse;
-    let line: Vec<[f64; 2]> = (0..NODES)
-        .filter_map(|k| {
-            let angle = DVec2::from_angle(std::f64::consts::TAU * k as f64 / (NODES - 1) as f64);
-            let local = angle * DVec2::from_array(ellipse.semi_axes_px);
-            let at = ellipse.center_px + DVec2::from_angle(ellipse.angle_rad).rotate(local);
-            question.camera.pixel(question.camera.pinhole.line_of_sight(at)).map(|at| at.to_array())
-        })
-        .collect();
+    // Once around.
+    let line: Vec<[f64; 2]> =
+        solution.outline_px.iter().chain(solution.outline_px.first()).map(|place| place.to_array()).collect();
     panel.line("fitted outline", &line, Style::line(PALETTE[4]));
     let places = |used: bool| -> Vec<[f64; 2]> {
         solution

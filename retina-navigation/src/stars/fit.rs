@@ -86,7 +86,8 @@ impl SkyFit {
         (v.z > 0.17).then(|| self.distorted(v.truncate() / v.z))
     }
 
-    fn distorted(&self, p: DVec2) -> DVec2 {
+    /// The measured line of sight of a pinhole's.
+    pub fn distorted(&self, p: DVec2) -> DVec2 {
         let q = p * self.radial(p) + self.sideways(p);
         DVec2::new(q.x, self.aspect * q.y) * self.focal_ratio
     }

@@ -99,6 +99,7 @@ impl FramesFolder {
             body: self.body.clone(),
             selection: Selection { range: self.frames, every: None, shard: self.shard },
             limb,
+            silhouette: None,
             pointing_sigma_rad,
         }
     }

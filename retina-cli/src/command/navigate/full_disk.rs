@@ -40,6 +40,11 @@ pub(crate) struct Arguments {
     /// Standard deviation of that height, m.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = not_negative)]
     limb_height_sigma_m: f64,
+    /// Mesh of the body (.glb, .gltf, .obj): its silhouette is fitted, terrain included.
+    ///
+    /// Without it, the outline of the reference ellipsoid is fitted.
+    #[arg(long, value_name = "MESH")]
+    silhouette: Option<PathBuf>,
     /// Standard deviation of the known attitude per axis, arcsec.
     ///
     /// [default: the setup's jitter for camera images, 0 for screen images]
@@ -94,6 +99,7 @@ fn scenario(arguments: &Arguments) -> Result<(), Failure> {
         ("--kind", arguments.kind.is_some()),
         ("--pointing-sigma-arcsec", arguments.pointing_sigma_arcsec.is_some()),
         ("--ephemeris", !arguments.ephemeris.is_empty()),
+        ("--silhouette", arguments.silhouette.is_some()),
         ("--limb-height-m", arguments.limb_height_m != 0.0),
         ("--limb-height-sigma-m", arguments.limb_height_sigma_m != 0.0),
     ])?;
@@ -142,6 +148,7 @@ impl Arguments {
             ..LimbOptions::default()
         };
         let pointing_arcsec = self.pointing_sigma_arcsec.unwrap_or(jitter_arcsec);
-        Ok(self.folder.choice(kind, limb, (pointing_arcsec / 3600.0).to_radians()))
+        let choice = self.folder.choice(kind, limb, (pointing_arcsec / 3600.0).to_radians());
+        Ok(SourceChoice { silhouette: self.silhouette.clone(), ..choice })
     }
 }

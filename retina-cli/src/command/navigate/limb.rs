@@ -6,9 +6,11 @@ use glam::{DMat3, DQuat, DVec3};
 use retina_files::{InputError, write_atomic};
 use retina_formats::Calibration;
 use retina_geometry::Pinhole;
-use retina_image::{Coding, Photograph, PhotographOptions};
-use retina_model::load_body;
-use retina_navigation::limb::{KnownBody, LimbAnswer, LimbCamera, LimbQuestion, Mapping};
+use retina_image::{Coding, Photograph, PhotographOptions, read_mask};
+use retina_navigation::cameras::{ImageSolver, ImageSolverOptions, KnownCamera};
+use retina_navigation::limb::{
+    AmongStars, BodyError, KnownBody, LimbAnswer, LimbCamera, LimbQuestion, Mapping, StarsEpoch,
+};
 use retina_navigation::products::limb_picture;
 use retina_plot::png;
 use retina_sky::ephemeris::Ephemeris;
@@ -16,7 +18,7 @@ use retina_sky::observer::Observer;
 use retina_sky::planets::{Planet, SeenPlanet, seen_planet};
 use retina_sky::site::Site;
 use retina_sky::time::parse_epoch;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::stars::{SampleCoding, vector};
 use crate::failure::Failure;
@@ -48,12 +50,19 @@ pub(crate) struct Arguments {
     /// Uncertainty of the focal length (1 sigma), per cent [default: 0.5; 4 for an EXIF focal length].
     #[arg(long, value_name = "PERCENT")]
     focal_percent: Option<f64>,
-    /// The body: `moon`, a planet, or a mesh (.glb, .gltf, .obj), whose ellipsoid of equal volume is taken.
+    /// The body: `moon`, a planet, or a mesh (.glb, .gltf, .obj).
+    ///
+    /// In a known attitude the silhouette of a mesh is fitted, otherwise the outline of its ellipsoid.
     #[arg(long, default_value = "moon", value_name = "NAME|FILE")]
     body: String,
     /// Semi-axes of a body of no name, m: one number, or A,B,C.
     #[arg(long, value_name = "R|A,B,C", conflicts_with = "body")]
     radii_m: Option<String>,
+    /// Mesh of the body (.glb, .gltf, .obj) in its own axes: its silhouette is fitted, terrain included.
+    ///
+    /// The attitude must be known: `--camera-from-body`, or `--stars` with `--time`.
+    #[arg(long, value_name = "MESH")]
+    silhouette: Option<PathBuf>,
     /// Attitude of the body, a quaternion that turns its axes into the camera's: W,X,Y,Z.
     ///
     /// Only a body that is not nearly round needs it.
@@ -85,6 +94,11 @@ pub(crate) struct Arguments {
         allow_hyphen_values = true
     )]
     position_m: Option<String>,
+    /// Find the stars beside the body, too: they give attitude, focal length and the camera's place.
+    ///
+    /// With `--time` they also say how the body is turned and where the Sun is.
+    #[arg(long)]
+    stars: bool,
     /// SPK kernel for the Sun, the Moon and the planets [default: analytical theories].
     ///
     /// Repeat the flag for more kernels. If several contain the same body, the last one named is
@@ -104,6 +118,9 @@ pub(crate) struct Arguments {
     /// Flat field by which the photograph is divided, of any brightness.
     #[arg(long, value_name = "FILE")]
     flat: Option<PathBuf>,
+    /// Picture of the photograph's size: pixels that are 0 are ignored, such as a tree or a cloud beside the body.
+    #[arg(long, value_name = "FILE")]
+    mask: Option<PathBuf>,
     /// Draw the photograph with the fitted outline, and the residuals along the limb.
     #[arg(long, value_name = "FILE.png")]
     annotate: Option<PathBuf>,
@@ -122,19 +139,31 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         focal_sigma_share: arguments.focal_percent.map_or(focal_share, |percent| percent / 100.0),
         body,
         sun_angle_rad: arguments.sun_deg.map(f64::to_radians),
+        phase_rad: None,
         expected,
         tone_sigma_share: if photograph.linearised { LimbQuestion::TONE_SIGMA_SHARE } else { 0.0 },
     };
-    let answer = question.solve(&photograph.image);
+    let size = [photograph.image.width_px, photograph.image.height_px];
+    let mask = arguments.mask.as_ref().map(|path| read_mask(path, size)).transpose()?;
+    let seen = match &mask {
+        None => photograph.image.clone(),
+        Some(mask) => photograph.image.clone().seen_in(mask),
+    };
+    let mut notes = photograph.notes();
+    let (question, answer, among) = if arguments.stars {
+        let among = arguments.among_stars(&question, &photograph, mask.as_deref(), &mut notes)?;
+        (among.question.clone(), among.answer.clone(), Some(among))
+    } else {
+        (question.clone(), question.solve(&seen), None)
+    };
     let file = arguments.photo.display().to_string();
     if let Some(path) = &arguments.annotate {
         let title = arguments.photo.file_name().map_or(file.clone(), |name| name.to_string_lossy().into());
-        let svg = limb_picture(&question, &answer, &photograph.image, &title).to_svg();
+        let svg = limb_picture(&answer, &photograph.image, &title).to_svg();
         let bytes = png(&svg, 1.0).map_err(|error| Failure::new(error.to_string()))?;
         write_atomic(path, &bytes)
             .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))?;
     }
-    let mut notes = photograph.notes();
     if question.tone_sigma_share > 0.0 {
         notes.push(format!(
             "a camera's own tone curve may shift the limb by {} of its blur, which is in sigma",
@@ -146,11 +175,38 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let mut document = question.json(&answer);
         document["file"] = json!(file);
         document["notes"] = json!(notes);
+        if let (Value::Object(document), Some(Value::Object(more))) =
+            (&mut document, among.map(|among| among.json(&file)))
+        {
+            document.extend(more);
+        }
         return print_json(&document);
     }
     let mut lines = text(&file, &question, &answer);
+    lines.extend(among.iter().flat_map(|among| among_text(among)));
     lines.extend(notes.iter().map(|note| format!("  note: {note}")));
     print_lines(&lines)
+}
+
+/// What stars add to it.
+fn among_text(among: &AmongStars) -> Vec<String> {
+    let mut lines = Vec::new();
+    if let Ok(solution) = &among.stars.solution {
+        let [ra, dec, roll] = solution.ra_dec_roll_rad().map(f64::to_degrees);
+        lines.push(format!(
+            "  attitude by {} stars: boresight at {ra:.4}, {dec:+.4} deg, roll {roll:.3} deg; residuals {:.1} arcsec rms",
+            solution.matches.len(),
+            solution.rms_rad.to_degrees() * 3600.0
+        ));
+    }
+    if let Some(place) = &among.place {
+        let (at, sigma) = (place.from_body_m * 1e-3, place.sigma_m() * 1e-3);
+        lines.push(format!(
+            "  camera relative to the body, ICRF axes: ({:.1} +- {:.1}, {:.1} +- {:.1}, {:.1} +- {:.1}) km",
+            at.x, sigma.x, at.y, sigma.y, at.z, sigma.z
+        ));
+    }
+    lines
 }
 
 /// What is printed without `--json`.
@@ -235,7 +291,15 @@ impl Arguments {
         if let Some(path) = &self.annotate {
             crate::check_file(path, "png")?;
         }
-        let inputs = [&self.setup, &self.calibration, &self.dark, &self.flat];
+        let inputs = [&self.setup, &self.calibration, &self.dark, &self.flat, &self.mask, &self.silhouette];
+        if let (Some(mesh), None, false) =
+            (&self.silhouette, &self.camera_from_body, self.stars && self.time.is_some())
+        {
+            return Err(InputError::new(mesh, "a silhouette depends on the attitude, which is not known")
+                .expected("--camera-from-body W,X,Y,Z, or --stars with --time")
+                .help("give one of these, or leave --silhouette out")
+                .into());
+        }
         let mesh = PathBuf::from(&self.body);
         let inputs = std::iter::once(&self.photo)
             .chain(std::iter::once(&mesh))
@@ -247,24 +311,17 @@ impl Arguments {
     fn body(&self) -> Result<KnownBody, Failure> {
         let camera_from_body = self.camera_from_body.as_deref().map(rotation).transpose()?;
         let flag = if self.radii_m.is_some() { "--radii-m" } else { "--body" };
-        let refused = |error: retina_navigation::limb::BodyError| {
-            InputError::new(Path::new(flag), error.to_string())
-                .help("give the body's attitude (--camera-from-body W,X,Y,Z)")
+        let refused = |error: BodyError| match error {
+            BodyError::Mesh(error) => error,
+            error => InputError::new(Path::new(flag), error.to_string())
+                .help("give the body's attitude (--camera-from-body W,X,Y,Z)"),
         };
         let body = if let Some(text) = &self.radii_m {
             KnownBody::ellipsoid("body", radii_m(text)?, camera_from_body).map_err(refused)?
         } else if let Some(planet) = Planet::from_name(&self.body) {
             KnownBody::planet(planet, camera_from_body).map_err(refused)?
         } else if Path::new(&self.body).extension().is_some() {
-            let path = Path::new(&self.body);
-            let ellipsoid = load_body(path)?.ellipsoid(path)?;
-            let turn = camera_from_body.map(|camera_from_body| camera_from_body * ellipsoid.body_from_axes);
-            let name = path.file_stem().map_or(self.body.clone(), |stem| stem.to_string_lossy().into());
-            KnownBody::ellipsoid(&name, ellipsoid.semi_axes_m, turn).map_err(refused)?.with_limb(
-                0.0,
-                ellipsoid.rms_height_m,
-                "the mesh's height above its ellipsoid, rms",
-            )
+            KnownBody::mesh(Path::new(&self.body), camera_from_body).map_err(refused)?
         } else {
             return Err(InputError::new(Path::new("--body"), "is no body that is known here")
                 .found(format!("`{}`", self.body))
@@ -272,16 +329,43 @@ impl Arguments {
                 .help("give the semi-axes of another body (--radii-m)")
                 .into());
         };
-        Ok(KnownBody {
-            limb_height_m: self.limb_height_m.unwrap_or(body.limb_height_m),
-            limb_height_sigma_m: self.limb_height_sigma_m.unwrap_or(body.limb_height_sigma_m),
-            limb_height_source: if self.limb_height_sigma_m.is_some() {
-                "as given".to_owned()
-            } else {
-                body.limb_height_source
-            },
-            ..body
-        })
+        let body = match &self.silhouette {
+            None => body,
+            Some(mesh) => body.with_silhouette(mesh).map_err(refused)?,
+        };
+        Ok(body.with_given_limb(self.limb_height_m, self.limb_height_sigma_m))
+    }
+
+    fn among_stars(
+        &self,
+        question: &LimbQuestion,
+        photograph: &Photograph,
+        mask: Option<&[bool]>,
+        notes: &mut Vec<String>,
+    ) -> Result<AmongStars, Failure> {
+        let failure = |error: &dyn std::fmt::Display| Failure::new(error.to_string());
+        let size = [photograph.image.width_px, photograph.image.height_px];
+        let known = match &self.setup {
+            Some(path) => {
+                let setup = read_setup(path)?;
+                let calibration =
+                    self.calibration.as_ref().map(|path| Calibration::read(path, &setup)).transpose()?;
+                KnownCamera::Setup(Box::new(setup), calibration.map(Box::new))
+            }
+            None if self.fov_deg.is_some() || self.focal_mm.is_some() => {
+                let half = 0.5 * f64::from(size[0]) / question.camera.pinhole.fx_px;
+                KnownCamera::Field([2.0 * half.atan(); 2])
+            }
+            None => KnownCamera::Exif,
+        };
+        let ephemeris = Ephemeris::read(&self.ephemeris)?;
+        let tdb_s = self.time.as_deref().map(epoch_s).transpose()?;
+        let epoch = tdb_s.map(|tdb_s| StarsEpoch { tdb_s, ephemeris: &ephemeris });
+        let mut solver =
+            ImageSolver::new(known, ImageSolverOptions { tdb_s, ..ImageSolverOptions::default() });
+        question
+            .solve_among_stars(&photograph.image, &photograph.exif, mask, &mut solver, epoch, notes)
+            .map_err(|error| failure(&error))
     }
 
     /// The body as the ephemeris has it, where time and place are given.
@@ -290,6 +374,7 @@ impl Arguments {
         if self.site.is_none() && self.position_m.is_none() {
             return match &self.time {
                 None => Ok(None),
+                Some(_) if self.stars => Ok(None),
                 Some(_) => Err(InputError::new(Path::new("--time"), "says nothing without a place")
                     .help("give --site LAT,LON,HEIGHT or --position-m X,Y,Z, or leave --time out")
                     .into()),
@@ -303,7 +388,7 @@ impl Arguments {
                 .into());
         };
         let time = self.time.as_deref().unwrap_or_default();
-        let tdb_s = parse_epoch(time).map_err(|error| Failure::new(format!("--time: {error}")))?;
+        let tdb_s = epoch_s(time)?;
         let ephemeris = Ephemeris::read(&self.ephemeris)?;
         let (position_m, velocity_m_s) = match (&self.site, &self.position_m) {
             (Some(text), _) => {
@@ -388,6 +473,10 @@ impl Arguments {
         };
         Ok((photograph, LimbCamera::pinhole(Pinhole::centred(focal_px, size)), share))
     }
+}
+
+fn epoch_s(time: &str) -> Result<f64, Failure> {
+    parse_epoch(time).map_err(|error| Failure::new(format!("--time: {error}")))
 }
 
 /// `LAT,LON,HEIGHT`: degrees, degrees, m.
