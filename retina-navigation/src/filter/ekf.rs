@@ -104,7 +104,8 @@ impl Filter {
 
 #[cfg(test)]
 mod tests {
-    use super::super::EphemerisTable;
+    use retina_sky::ephemeris::EphemerisTable;
+
     use super::*;
 
     /// Two parts of a covariance, one along each axis of the tangent plane, taken in one after the other as scalars in the
