@@ -21,6 +21,9 @@ const RUNS: usize = 40;
 const NEW_M: DVec3 = DVec3::new(1e3, 1e3, 2e4);
 const SHARED_M: DVec3 = DVec3::new(2e3, 2e3, 8e4);
 
+/// A filter's result, and the root mean square of single frames, km.
+type Run = (FilterResult, [f64; 3]);
+
 /// Each `every`-th frame of the default sequence.
 fn poses(every: usize) -> Vec<FramePose> {
     let whole = LumioHalo::default();
@@ -64,12 +67,7 @@ fn in_common(before: &FrameTruth, now: &FrameTruth) -> f64 {
 
 /// The poses measured with the errors that the filter is told of: a shared part, and a new one in each frame. Gives
 /// the filter's result and the root mean square of single frames, km.
-fn run(
-    poses: &[FramePose],
-    seed: u64,
-    told_shared: bool,
-    acceleration_sigma_m_s2: f64,
-) -> (FilterResult, [f64; 3]) {
+fn run(poses: &[FramePose], seed: u64, told_shared: bool, acceleration_sigma_m_s2: f64) -> Run {
     let mut random = ChaCha8Rng::seed_from_u64(1000 + seed);
     let mut draw = || -> DVec3 {
         let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
@@ -116,14 +114,14 @@ fn run(
     (run_filter(&frames, &truths, &options, &Ephemeris::analytic()).unwrap(), single)
 }
 
-fn runs(every: usize, told_shared: bool, acceleration_sigma_m_s2: f64) -> Vec<(FilterResult, [f64; 3])> {
+fn runs(every: usize, told_shared: bool, acceleration_sigma_m_s2: f64) -> Vec<Run> {
     let poses = poses(every);
     let of_seed = |seed| run(&poses, seed, told_shared, acceleration_sigma_m_s2);
     (0..RUNS as u64).into_par_iter().map(of_seed).collect()
 }
 
-fn last_nees(runs: &[(FilterResult, [f64; 3])]) -> f64 {
-    let last = |(result, _): &(FilterResult, _)| result.steps.last().map_or(f64::NAN, |step| step.nees);
+fn last_nees(runs: &[Run]) -> f64 {
+    let last = |(result, _): &Run| result.steps.last().map_or(f64::NAN, |step| step.nees);
     runs.iter().map(last).sum::<f64>() / runs.len() as f64
 }
 
@@ -142,9 +140,7 @@ fn at_each_cadence_the_filter_is_better_than_single_frames_and_its_errors_are_ch
             [(false, 1e-12), (true, FilterOptions::default().acceleration_sigma_m_s2)]
         {
             let runs = runs(every, true, acceleration_sigma_m_s2);
-            let mean = |pick: &dyn Fn(&(FilterResult, [f64; 3])) -> f64| {
-                runs.iter().map(pick).sum::<f64>() / runs.len() as f64
-            };
+            let mean = |pick: &dyn Fn(&Run) -> f64| runs.iter().map(pick).sum::<f64>() / runs.len() as f64;
             let [low, high] = chi2_mean_bounds(6, RUNS);
             let nees = last_nees(&runs);
             let [nis_low, nis_high] = chi2_mean_bounds(3, RUNS * settled(&runs[0].0));
