@@ -124,8 +124,9 @@ def limb_statistics(relief, draws, seed):
 
 
 def limb_turns(relief, draws, seed):
-    """Angles (deg) at which the correlation of a half limb's radius with the former one has fallen to 1/e: where the line
-    of sight turns about an axis across it, and where the Sun's side turns about the line of sight."""
+    """Angles (deg) at which the correlation of a half limb's fit with the former one has fallen to 1/e, for its radius and
+    its centre (towards the Sun, across): where the line of sight turns about an axis across it, and where the Sun's side
+    turns about the line of sight."""
     random = np.random.default_rng(seed)
     limbs = Limbs(relief, 1.0, 0.5)
     turns = np.arange(0.0, 91.0, 5.0)
@@ -139,14 +140,15 @@ def limb_turns(relief, draws, seed):
             along = axis * (axis @ vector) * (1 - np.cos(turn))
             return vector * np.cos(turn) + np.cross(axis, vector) * np.sin(turn) + along
 
-        tilted.append([limbs.fit(turned(towards, t), turned(right, t), sun)[0] for t in np.radians(turns)])
-        rolled.append([limbs.fit(towards, right, sun + t)[0] for t in np.radians(turns)])
+        tilted.append([limbs.fit(turned(towards, t), turned(right, t), sun)[:3] for t in np.radians(turns)])
+        rolled.append([limbs.fit(towards, right, sun + t)[:3] for t in np.radians(turns)])
     angles = []
-    for radii in (np.array(tilted), np.array(rolled)):
-        off = radii - radii.mean()
-        correlation = (off * off[:, :1]).mean(0) / (off[:, 0] ** 2).mean()
-        below = np.argmax(correlation < np.exp(-1))
-        angles.append(np.interp(-np.exp(-1), -correlation[below - 1 : below + 1], turns[below - 1 : below + 1]))
+    for fits in (np.array(tilted), np.array(rolled)):
+        off = fits - fits.mean((0, 1))
+        correlations = (off * off[:, :1]).mean(0) / (off[:, 0] ** 2).mean(0)
+        below = lambda c: int(np.argmax(c < np.exp(-1))) or len(c) - 1
+        at = lambda c, k: np.interp(-np.exp(-1), -c[k - 1 : k + 1], turns[k - 1 : k + 1])
+        angles.append([at(c, below(c)) for c in correlations.T])
     return angles
 
 
@@ -214,10 +216,11 @@ def main():
         f"{spread[3]:.0f} m"
     )
     tilt, roll = limb_turns(Map(arguments.dem, 8), arguments.draws, 1)
-    say(
-        f"a half limb's radius is correlated by 1/e with that of a view turned by {tilt:.0f} deg, and with that of the same "
-        f"view with the Sun's side turned by {roll:.0f} deg"
-    )
+    for what, (radius, sunwards, across) in (("view", tilt), ("Sun's side", roll)):
+        say(
+            f"a half limb's fit is correlated by 1/e with that of a {what} turned by {radius:.0f} deg (radius), "
+            f"{sunwards:.0f} deg (centre towards the Sun), {across:.0f} deg (centre across)"
+        )
     return 1 if bad else 0
 
 
