@@ -4,7 +4,8 @@ Reads the map (16 bit, plate carree, longitude 0..360 deg from left to right, no
 1737.4 km) and assets/bodies/moon.glb, and checks highest and lowest points, the offset of the centre of figure, seas and
 craters at their places (a mirrored Moon fails), and the mesh's heights against the map's. Then it draws views at random,
 takes the limb's profile of each, and fits a circle to the half on the Sun's side: by so much the terrain moves a limb's
-radius and centre. The map's first row, at the north pole, holds samples of 2573 to 10 799 m among those of about 0: it
+radius and centre. It also says by what turns of the view and of the Sun's side
+that error changes: `terrain_tilt_deg` and `terrain_roll_deg` of the full-disk filter. The map's first row, at the north pole, holds samples of 2573 to 10 799 m among those of about 0: it
 is replaced by the second row here, and with --mend in a copy of the map, from which the body is built. Exit code 0 done, 1 a check fails, 2 bad input.
 """
 
@@ -84,28 +85,71 @@ def vertices_and_tones(path):
     return np.concatenate(places), np.concatenate(tones).reshape(-1)
 
 
+class Limbs:
+    """Circles through half limbs."""
+
+    def __init__(self, relief, step_deg, depth_step_deg):
+        self.relief = relief
+        self.angle = np.arange(0.0, 2 * np.pi, np.radians(step_deg))
+        # Terrain within 8 deg of the limb's plane may stand above it: 17 km of height at the edge.
+        self.depth = np.radians(np.arange(-8.0, 8.01, depth_step_deg))
+
+    def fit(self, towards, right, sun):
+        """Radius and centre (towards the Sun, across) of the circle through the half on the side `sun`, and the mean of
+        the whole limb, m."""
+        up = np.cross(towards, right)
+        rim = np.cos(self.angle)[:, None] * right + np.sin(self.angle)[:, None] * up
+        unit = np.cos(self.depth)[:, None, None] * rim + np.sin(self.depth)[:, None, None] * towards
+        profile = ((RADIUS_M + self.relief.at(unit)) * np.cos(self.depth)[:, None]).max(0) - RADIUS_M
+        lit = np.cos(self.angle - sun) > 0.17
+        angle = self.angle[lit] - sun
+        rows = np.stack([np.ones(lit.sum()), np.cos(angle), np.sin(angle)], axis=1)
+        return [*np.linalg.lstsq(rows, profile[lit], rcond=None)[0], profile.mean()]
+
+
+def view(random):
+    """A direction at random, one across it, and where the Sun stands about it."""
+    towards, other = random.normal(size=(2, 3))
+    towards /= np.linalg.norm(towards)
+    right = np.cross(towards, other)
+    return towards, right / np.linalg.norm(right), random.uniform(0, 2 * np.pi)
+
+
 def limb_statistics(relief, draws, seed):
     """Mean and standard deviation of radius and centre (towards the Sun, across) of circles through half limbs, m."""
     random = np.random.default_rng(seed)
-    angle = np.arange(0.0, 2 * np.pi, np.radians(0.5))
-    # Terrain within 8 deg of the limb's plane may stand above it: 17 km of height at the edge.
-    depth = np.radians(np.arange(-8.0, 8.01, 0.25))
-    fits = []
-    for _ in range(draws):
-        towards, other = random.normal(size=(2, 3))
-        towards /= np.linalg.norm(towards)
-        right = np.cross(towards, other)
-        right /= np.linalg.norm(right)
-        up = np.cross(towards, right)
-        rim = np.cos(angle)[:, None] * right + np.sin(angle)[:, None] * up
-        unit = np.cos(depth)[:, None, None] * rim + np.sin(depth)[:, None, None] * towards
-        profile = ((RADIUS_M + relief.at(unit)) * np.cos(depth)[:, None]).max(0) - RADIUS_M
-        sun = random.uniform(0, 2 * np.pi)
-        lit = np.cos(angle - sun) > 0.17
-        rows = np.stack([np.ones(lit.sum()), np.cos(angle[lit] - sun), np.sin(angle[lit] - sun)], axis=1)
-        fits.append([*np.linalg.lstsq(rows, profile[lit], rcond=None)[0], profile.mean()])
-    fits = np.array(fits)
+    limbs = Limbs(relief, 0.5, 0.25)
+    fits = np.array([limbs.fit(*view(random)) for _ in range(draws)])
     return fits.mean(0), fits.std(0)
+
+
+def limb_turns(relief, draws, seed):
+    """Angles (deg) at which the correlation of a half limb's fit with the former one has fallen to 1/e, for its radius and
+    its centre (towards the Sun, across): where the line of sight turns about an axis across it, and where the Sun's side
+    turns about the line of sight."""
+    random = np.random.default_rng(seed)
+    limbs = Limbs(relief, 1.0, 0.5)
+    turns = np.arange(0.0, 91.0, 5.0)
+    tilted, rolled = [], []
+    for _ in range(draws):
+        towards, right, sun = view(random)
+        about = random.uniform(0, 2 * np.pi)
+        axis = np.cos(about) * right + np.sin(about) * np.cross(towards, right)
+
+        def turned(vector, turn):
+            along = axis * (axis @ vector) * (1 - np.cos(turn))
+            return vector * np.cos(turn) + np.cross(axis, vector) * np.sin(turn) + along
+
+        tilted.append([limbs.fit(turned(towards, t), turned(right, t), sun)[:3] for t in np.radians(turns)])
+        rolled.append([limbs.fit(towards, right, sun + t)[:3] for t in np.radians(turns)])
+    angles = []
+    for fits in (np.array(tilted), np.array(rolled)):
+        off = fits - fits.mean((0, 1))
+        correlations = (off * off[:, :1]).mean(0) / (off[:, 0] ** 2).mean(0)
+        below = lambda c: int(np.argmax(c < np.exp(-1))) or len(c) - 1
+        at = lambda c, k: np.interp(-np.exp(-1), -c[k - 1 : k + 1], turns[k - 1 : k + 1])
+        angles.append([at(c, below(c)) for c in correlations.T])
+    return angles
 
 
 def main():
@@ -171,6 +215,12 @@ def main():
         f"{mean[1]:+.0f} +- {spread[1]:.0f} m, across {mean[2]:+.0f} +- {spread[2]:.0f} m; whole limb {mean[3]:+.0f} +- "
         f"{spread[3]:.0f} m"
     )
+    tilt, roll = limb_turns(Map(arguments.dem, 8), arguments.draws, 1)
+    for what, (radius, sunwards, across) in (("view", tilt), ("Sun's side", roll)):
+        say(
+            f"a half limb's fit is correlated by 1/e with that of a {what} turned by {radius:.0f} deg (radius), "
+            f"{sunwards:.0f} deg (centre towards the Sun), {across:.0f} deg (centre across)"
+        )
     return 1 if bad else 0
 
 

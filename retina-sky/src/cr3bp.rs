@@ -82,7 +82,7 @@ fn propagate_with_stm(start: &Phase, span: f64) -> Option<(Phase, [[f64; 6]; 6])
     for i in 0..6 {
         both[6 + 7 * i] = 1.0;
     }
-    let end = integrate(variational, both, span, TOLERANCE)?;
+    let end = integrate(|_, s| variational(s), both, [0.0, span], TOLERANCE)?;
     let stm = std::array::from_fn(|r| std::array::from_fn(|c| end[6 + 6 * r + c]));
     Some((std::array::from_fn(|i| end[i]), stm))
 }
@@ -226,7 +226,7 @@ mod tests {
             let moved = |by: f64| {
                 let mut s = start;
                 s[column] += by;
-                integrate(dynamics, s, 0.6, TOLERANCE).unwrap()
+                integrate(|_, s| dynamics(s), s, [0.0, 0.6], TOLERANCE).unwrap()
             };
             // Five points: the third derivatives near the Moon are too large for two.
             let h = 3e-5;
@@ -237,7 +237,7 @@ mod tests {
                 assert!((ours - slope).abs() < 1e-7 * (1.0 + slope.abs()), "{r} {column}: {ours} {slope}");
             }
         }
-        let alone = integrate(dynamics, start, 0.6, TOLERANCE).unwrap();
+        let alone = integrate(|_, s| dynamics(s), start, [0.0, 0.6], TOLERANCE).unwrap();
         assert!((0..6).all(|i| (end[i] - alone[i]).abs() < 1e-10));
         // Liouville: the flow keeps volumes.
         assert!((determinant(stm) - 1.0).abs() < 1e-9);
@@ -270,7 +270,7 @@ mod tests {
         let mut lowest = 0.0_f64;
         let mut highest = 0.0_f64;
         for _ in 0..100 {
-            state = integrate(dynamics, state, orbit.period / 100.0, TOLERANCE).unwrap();
+            state = integrate(|_, s| dynamics(s), state, [0.0, orbit.period / 100.0], TOLERANCE).unwrap();
             assert!((jacobi(&state) - 3.09).abs() < 1e-10);
             (lowest, highest) = (lowest.min(state[2]), highest.max(state[2]));
         }

@@ -19,6 +19,7 @@
 mod kernels;
 mod records;
 mod spk;
+mod table;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -30,6 +31,7 @@ use thiserror::Error;
 
 pub use self::kernels::KernelFile;
 use self::kernels::Kernels;
+pub use self::table::{BODIES, EphemerisTable};
 use crate::planets::Planet;
 use crate::time::{J2000_JD, format_epoch_tdb};
 use crate::{CENTURY_D, DAY_S};

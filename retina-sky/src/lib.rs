@@ -10,6 +10,7 @@
 //! - [`deep_space`]: random poses among the planets.
 //! - [`site`]: places on the Earth, and cameras there.
 //! - [`near_body`]: orbits, flybys, phase sweeps and approaches about one body.
+//! - [`forces`]: point masses and sunlight; how a spacecraft moves near the Moon.
 //! - [`halo`]: a LUMIO-like quasi-halo about the Earth-Moon L2 point.
 //!
 //! Lengths are metres, times TDB seconds since J2000, angles radians; inertial axes are ICRF.
@@ -19,6 +20,7 @@ pub mod catalogue;
 mod cr3bp;
 pub mod deep_space;
 pub mod ephemeris;
+pub mod forces;
 pub mod halo;
 pub mod magnitude;
 pub mod near_body;
@@ -26,6 +28,7 @@ pub mod observer;
 mod ode;
 pub mod orientation;
 pub mod planets;
+mod shooting;
 pub mod site;
 pub mod time;
 pub mod trajectory;

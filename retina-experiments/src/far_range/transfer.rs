@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution as _, StandardNormal};
 use rayon::prelude::*;
-use retina_sky::ephemeris::Ephemeris;
+use retina_sky::ephemeris::{Ephemeris, EphemerisTable};
 use retina_sky::observer::{Observer, separation_rad};
 use retina_sky::planets::{Planet, seen_planet};
 use serde::Serialize;
@@ -13,8 +13,8 @@ use serde::Serialize;
 use super::poses::{ARCSEC, FarRangeError};
 use super::scenario::Transfer;
 use retina_navigation::filter::{
-    Beacon, Dynamics, EphemerisTable, Filter, Matrix6, PhaseState, apparent_direction, cholesky,
-    quadratic_form_inverse, tangent_axes, triangulate,
+    Beacon, Dynamics, Filter, Matrix6, PhaseState, apparent_direction, cholesky, quadratic_form_inverse,
+    tangent_axes, triangulate,
 };
 use retina_navigation::synthetic::uniform;
 

@@ -13,6 +13,7 @@ use rand_chacha::rand_core::SeedableRng as _;
 use rand_distr::{Distribution as _, StandardNormal};
 use retina_files::InputError;
 use retina_sky::ephemeris::Ephemeris;
+use retina_sky::forces::{LUMIO_PRESSURE_AREA_M2_KG, MoonForces};
 use serde::{Deserialize, Serialize};
 
 use super::moon_motion::{MOTION, MoonMotion};
@@ -37,8 +38,14 @@ pub struct FilterOptions {
     pub acceleration_sigma_m_s2: f64,
     /// Its correlation time, h.
     pub acceleration_time_h: f64,
-    /// Correlation time of what images of the same limb share, h.
-    pub terrain_time_h: f64,
+    /// Reflectivity coefficient times area over mass, for the pressure of sunlight, m^2/kg.
+    pub pressure_area_m2_kg: f64,
+    /// Angle by which the line of sight turns on the body until what images share has fallen to 1/e, deg.
+    pub terrain_tilt_deg: f64,
+    /// Angle by which the lit side turns about the line of sight until it has, deg.
+    pub terrain_roll_deg: f64,
+    /// A fixed correlation time in place of these angles, h.
+    pub terrain_time_h: Option<f64>,
     /// Position errors of frames within this time of the first do not enter the distributions, h.
     pub settle_h: f64,
     /// Seed of the first state's error.
@@ -46,16 +53,20 @@ pub struct FilterOptions {
 }
 
 impl Default for FilterOptions {
-    /// For the Moon from a halo of the circular problem laid over the Moon's real motion: such a path does not obey the
-    /// forces of Moon, Earth and Sun by 8e-5 m/s^2 rms per axis, changing over days. The time of the shared error is
-    /// that in which the autocorrelation of single frames' errors falls to 1/e.
+    /// For the built-in halo, whose forces the filter knows. The unmodelled acceleration is a tenth of sunlight's push,
+    /// for a coefficient and an area known to 10 %; all forces that are left out are a tenth of that. It lasts as the
+    /// Sun's direction does: 10 days are a third of a month. The angles of the terrain are those of the Moon's relief over
+    /// views at random (`validation/moon_shape.py`).
     fn default() -> Self {
         Self {
             initial_position_3_sigma_km: 300.0,
             initial_velocity_3_sigma_m_s: 3.0,
-            acceleration_sigma_m_s2: 5e-5,
-            acceleration_time_h: 96.0,
-            terrain_time_h: 14.0,
+            acceleration_sigma_m_s2: 1e-8,
+            acceleration_time_h: 240.0,
+            pressure_area_m2_kg: LUMIO_PRESSURE_AREA_M2_KG,
+            terrain_tilt_deg: 55.0,
+            terrain_roll_deg: 27.0,
+            terrain_time_h: None,
             settle_h: 12.0,
             seed: 1,
         }
@@ -128,10 +139,10 @@ struct Filter {
 }
 
 impl Filter {
-    fn predict(&mut self, motion: &MoonMotion, to_s: f64, terrain_time_s: f64) {
+    /// To another instant; `decay` is the correlation of what images share then with what they share now.
+    fn predict(&mut self, motion: &MoonMotion, to_s: f64, decay: f64) {
         let own: [f64; MOTION] = std::array::from_fn(|i| self.state[i]);
         let (moved, phi, noise) = motion.carry(own, self.tdb_s, to_s);
-        let decay = (-(to_s - self.tdb_s) / terrain_time_s).exp();
         let transition: Matrix = std::array::from_fn(|i| {
             std::array::from_fn(|j| match (i < MOTION, j < MOTION) {
                 (true, true) => phi[i][j],
@@ -249,13 +260,12 @@ pub fn run_filter(
             .expected("two at least, with rising time"));
     }
     let span_s = [truths[0].time_s, truths[truths.len() - 1].time_s];
-    let motion = MoonMotion::new(
-        ephemeris,
-        span_s,
-        options.acceleration_sigma_m_s2,
-        3600.0 * options.acceleration_time_h,
-    )
-    .map_err(|error| InputError::new(place, error.to_string()))?;
+    let motion = MoonMotion {
+        forces: MoonForces::new(ephemeris, span_s, options.pressure_area_m2_kg)
+            .map_err(|error| InputError::new(place, error.to_string()))?,
+        acceleration_sigma_m_s2: options.acceleration_sigma_m_s2,
+        acceleration_time_s: 3600.0 * options.acceleration_time_h,
+    };
     let mut random = ChaCha8Rng::seed_from_u64(options.seed ^ 0x006c_756d_696f);
     let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
     let first = &truths[0];
@@ -279,10 +289,12 @@ pub fn run_filter(
         filter.state[axis + 3] = velocity[axis] + sigmas[1] * normal();
     }
     let (mut steps, mut updates) = (Vec::new(), 0);
+    let mut before = first;
     for (result, truth) in results.iter().zip(truths) {
         if truth.time_s > filter.tdb_s {
-            filter.predict(&motion, truth.time_s, 3600.0 * options.terrain_time_h);
+            filter.predict(&motion, truth.time_s, shared_decay(options, before, truth));
         }
+        before = truth;
         let turn = DMat3::from_quat(truth.camera_from_inertial.inverse());
         let nis = result.position.as_ref().and_then(|position| {
             let all = DMat3::from_cols_array_2d(&position.covariance_m2);
@@ -300,6 +312,25 @@ pub fn run_filter(
             .expected(format!("more than {} h", options.settle_h)));
     }
     Ok(summary(*options, ephemeris.name(), steps, updates, unmodelled(&motion, truths)))
+}
+
+/// Correlation of what two images share of their limbs' errors. It falls as other terrain comes to the limb: where the
+/// line of sight turns on the body, and where the Sun comes round and lights another side.
+fn shared_decay(options: &FilterOptions, before: &FrameTruth, now: &FrameTruth) -> f64 {
+    if let Some(hours) = options.terrain_time_h {
+        return (-(now.time_s - before.time_s) / (3600.0 * hours)).exp();
+    }
+    let [(sight_before, side_before), (sight, side)] = [before, now].map(|truth| {
+        let body_from_camera = truth.camera_from_body.inverse();
+        let sight = (body_from_camera * truth.position_camera_m).normalize();
+        (sight, (body_from_camera * truth.sun_direction_camera).reject_from_normalized(sight))
+    });
+    let carried = DQuat::from_rotation_arc(sight_before, sight) * side_before;
+    let tilt = sight_before.angle_between(sight) / options.terrain_tilt_deg.to_radians();
+    // A Sun on the line of sight has no side.
+    let sides = carried.length() > 0.0 && side.length() > 0.0;
+    let roll = if sides { carried.angle_between(side) / options.terrain_roll_deg.to_radians() } else { 0.0 };
+    (-tilt.hypot(roll)).exp()
 }
 
 fn step(

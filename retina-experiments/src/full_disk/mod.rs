@@ -20,7 +20,6 @@ mod truth;
 pub use experiment::{navigate, run_scenario};
 pub use figures::{Shown, figure_15, figure_errors, figure_filter};
 pub use filter::{FilterOptions, FilterResult, FilterStep, run_filter};
-pub use moon_motion::MoonMotion;
 pub use scenario::{FullDiskScenario, LimbTable};
 pub use sequence::{
     CHI2_3_99, FrameResult, Position, SequenceSummary, navigate_frame, navigate_sequence, summarise,

@@ -1,16 +1,10 @@
-//! How a spacecraft moves near the Moon: relative to it, under the Moon, the Earth and the Sun as point masses, and an
-//! acceleration that is not modelled.
+//! How a spacecraft moves near the Moon as the filter has it: under the known forces, and an acceleration that is not
+//! modelled.
 
-use glam::{DMat3, DVec3};
-use retina_sky::ephemeris::{Ephemeris, EphemerisError};
-use retina_sky::planets::Planet;
+use glam::DVec3;
+use retina_navigation::filter::runge_kutta;
+use retina_sky::forces::MoonForces;
 
-use retina_navigation::filter::{EphemerisTable, GM_M3_S2, runge_kutta};
-
-/// Places of the Sun, the Earth and the Moon in the ephemeris' rows.
-const SUN: usize = 0;
-const EARTH: usize = 3;
-const MOON: usize = 4;
 /// Position, velocity, unknown acceleration: 3 each.
 pub(super) const MOTION: usize = 9;
 /// Longest step, s: at 30 000 km of the Moon the direction turns by 0.01 rad in it.
@@ -21,9 +15,9 @@ pub(super) type Matrix9 = [[f64; MOTION]; MOTION];
 
 /// Forces, and what is known of the one that is not modelled: a first-order Gauss-Markov acceleration.
 #[derive(Debug, Clone)]
-pub struct MoonMotion {
-    /// Where the bodies are.
-    ephemeris: EphemerisTable,
+pub(super) struct MoonMotion {
+    /// Moon, Earth, Sun and sunlight.
+    pub forces: MoonForces,
     /// Its standard deviation per axis, m/s^2.
     pub acceleration_sigma_m_s2: f64,
     /// Its correlation time, s.
@@ -31,49 +25,6 @@ pub struct MoonMotion {
 }
 
 impl MoonMotion {
-    /// Forces over a span of time (TDB seconds since J2000).
-    ///
-    /// # Errors
-    /// The span reaches beyond the ephemeris.
-    pub fn new(
-        ephemeris: &Ephemeris,
-        span_s: [f64; 2],
-        acceleration_sigma_m_s2: f64,
-        acceleration_time_s: f64,
-    ) -> Result<Self, EphemerisError> {
-        let ephemeris = EphemerisTable::of(ephemeris, span_s, &[Planet::Earth, Planet::Moon])?;
-        Ok(Self { ephemeris, acceleration_sigma_m_s2, acceleration_time_s })
-    }
-
-    /// Acceleration relative to the Moon at a place relative to it, inertial axes, and its gradient: m/s^2, 1/s^2.
-    pub fn acceleration(&self, tdb_s: f64, position_m: DVec3) -> (DVec3, DMat3) {
-        let bodies = self.ephemeris.all(tdb_s);
-        let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
-        let (mut total, mut gradient) = (DVec3::ZERO, DMat3::ZERO);
-        for (body, center) in
-            [(MOON, DVec3::ZERO), (EARTH, bodies[EARTH] - bodies[MOON]), (SUN, bodies[SUN] - bodies[MOON])]
-        {
-            let offset = position_m - center;
-            let per_r3 = GM_M3_S2[body] / offset.length().powi(3);
-            total -= offset * per_r3;
-            gradient += (outer(offset) * (3.0 / offset.length_squared()) - DMat3::IDENTITY) * per_r3;
-            if body != MOON {
-                // What the body pulls at the Moon itself.
-                total -= center * (GM_M3_S2[body] / center.length().powi(3));
-            }
-        }
-        (total, gradient)
-    }
-
-    /// Position (m) and velocity (m/s) relative to the Moon at another instant, under the forces alone.
-    pub fn propagate(&self, state: [f64; 6], from_s: f64, to_s: f64) -> [f64; 6] {
-        let rate = |t: f64, y: &[f64; 6]| {
-            let (pull, _) = self.acceleration(t, DVec3::new(y[0], y[1], y[2]));
-            [y[3], y[4], y[5], pull.x, pull.y, pull.z]
-        };
-        runge_kutta(rate, state, from_s, to_s, STEP_S)
-    }
-
     /// Position, velocity and unknown acceleration at another instant, their transition, and the covariance that the
     /// unknown acceleration's changes add.
     pub(super) fn carry(
@@ -90,7 +41,8 @@ impl MoonMotion {
         }
         let driving = 2.0 * self.acceleration_sigma_m_s2.powi(2) / self.acceleration_time_s;
         let rate = |t: f64, y: &[f64; N]| {
-            let (pull, gradient) = self.acceleration(t, DVec3::new(y[0], y[1], y[2]));
+            let field = self.forces.at(t, DVec3::new(y[0], y[1], y[2]));
+            let (pull, gradient) = (field.acceleration_m_s2, field.gradient_s2);
             // A of d(state)/dt = A state, row by row.
             let mut a = [[0.0; MOTION]; MOTION];
             for row in 0..3 {
@@ -136,12 +88,14 @@ impl MoonMotion {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use retina_sky::ephemeris::Ephemeris;
 
     const START_S: f64 = 8.7e8;
 
     fn motion(sigma: f64) -> MoonMotion {
-        MoonMotion::new(&Ephemeris::analytic(), [START_S, START_S + 20.0 * 86_400.0], sigma, 86_400.0)
-            .unwrap()
+        let span_s = [START_S, START_S + 20.0 * 86_400.0];
+        let forces = MoonForces::new(&Ephemeris::analytic(), span_s, 0.02).unwrap();
+        MoonMotion { forces, acceleration_sigma_m_s2: sigma, acceleration_time_s: 86_400.0 }
     }
 
     #[test]

@@ -208,14 +208,20 @@ pub fn page(title: &str, sequences: &[Sequence], notes: &[String]) -> Page {
         if let Ok(filter) = &sequence.filter {
             let o = &filter.options;
             let text = format!(
-                "{} updates. Unknown acceleration {:.1e} m/s^2 over {:.0} h (the truth's, against Moon, Earth and Sun: {}); \
-                 errors that frames share decay over {:.0} h. NEES within the central 99 % of chi-square in {:.0} % of the \
+                "{} updates. Unknown acceleration {:.1e} m/s^2 over {:.0} h (the truth's, against Moon, Earth, Sun and sunlight: {}); \
+                 errors that frames share decay over {}. NEES within the central 99 % of chi-square in {:.0} % of the \
                  steps, NIS {:.2} (99 % bounds {:.2} to {:.2}).",
                 filter.updates,
                 o.acceleration_sigma_m_s2,
                 o.acceleration_time_h,
                 filter.unmodelled_m_s2.map_or("not known".to_owned(), |v| format!("{v:.1e} m/s^2 rms")),
-                o.terrain_time_h,
+                match o.terrain_time_h {
+                    Some(hours) => format!("{hours:.0} h"),
+                    None => format!(
+                        "{:.0} deg of the line of sight on the body and {:.0} deg of the lit side",
+                        o.terrain_tilt_deg, o.terrain_roll_deg
+                    ),
+                },
                 100.0 * filter.nees_within,
                 filter.nis_mean,
                 filter.nis_bounds[0],

@@ -74,6 +74,7 @@ impl FullDiskScenario {
         let file: File = read_schema(path, "retina.full-disk/1", "a full-disk scenario")?;
         let (f, l) = (&file.filter, &file.limb);
         let positive = |v: f64| v > 0.0 && v.is_finite();
+        let terrain_time_h = f.terrain_time_h.unwrap_or(1.0);
         let pointing = l.pointing_sigma_arcsec.unwrap_or(0.0);
         check_values(
             path,
@@ -116,7 +117,15 @@ impl FullDiskScenario {
                     positive(f.acceleration_time_h),
                     "above 0",
                 ),
-                ("filter.terrain_time_h", f.terrain_time_h, positive(f.terrain_time_h), "above 0"),
+                (
+                    "filter.pressure_area_m2_kg",
+                    f.pressure_area_m2_kg,
+                    (0.0..1e3).contains(&f.pressure_area_m2_kg),
+                    "0 or more",
+                ),
+                ("filter.terrain_tilt_deg", f.terrain_tilt_deg, positive(f.terrain_tilt_deg), "above 0"),
+                ("filter.terrain_roll_deg", f.terrain_roll_deg, positive(f.terrain_roll_deg), "above 0"),
+                ("filter.terrain_time_h", terrain_time_h, positive(terrain_time_h), "above 0"),
                 ("filter.settle_h", f.settle_h, (0.0..1e6).contains(&f.settle_h), "0 or more"),
             ],
         )?;

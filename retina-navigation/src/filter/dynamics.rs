@@ -1,27 +1,11 @@
 //! How a spacecraft moves between the planets.
 
 use glam::{DMat3, DVec3};
-use retina_sky::ephemeris::{ASTRONOMICAL_UNIT_M, LIGHT_SPEED_M_S};
+use retina_sky::ephemeris::{EphemerisTable, LIGHT_SPEED_M_S};
+use retina_sky::forces::{Field, GM_M3_S2, transition_rate};
 
-use super::ephemeris::{BODIES, EphemerisTable};
 use super::matrix::Matrix6;
 
-/// GM of the Sun and of the bodies of `Planet::ALL` (Mercury, Venus, Earth, Moon, Mars, Jupiter, Saturn, Uranus,
-/// Neptune; systems with their moons), m^3/s^2 (JPL DE440, Park et al. 2021).
-pub const GM_M3_S2: [f64; BODIES] = [
-    1.327_124_400_412_794e20,
-    2.203_186_855_1e13,
-    3.248_585_92e14,
-    3.986_004_355_07e14,
-    4.902_800_118e12,
-    4.282_837_581_6e13,
-    1.267_127_641e17,
-    3.794_058_484_18e16,
-    5.794_556_4e15,
-    6.836_527_100_58e15,
-];
-/// The Sun's radiation pressure on an absorber at 1 au: 1361 W/m^2 (Kopp & Lean 2011) over c, N/m^2.
-const PRESSURE_1AU_N_M2: f64 = 1361.0 / LIGHT_SPEED_M_S;
 /// Longest step of the integration, s. A fourth-order Runge-Kutta step of six hours is off by some 0.1 mm at 1 au.
 const STEP_S: f64 = 21_600.0;
 
@@ -74,28 +58,18 @@ impl Dynamics {
     /// out of the latter.
     fn acceleration_and_gradient(&self, tdb_s: f64, state: &PhaseState) -> (DVec3, DMat3) {
         let bodies = self.ephemeris.all(tdb_s);
-        let (mut total, mut gradient) = (DVec3::ZERO, DMat3::ZERO);
-        let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
-        let mut central = |offset: DVec3, gm: f64| {
-            let r2 = offset.length_squared();
-            let per_r3 = gm / (r2 * r2.sqrt());
-            total -= offset * per_r3;
-            gradient += (outer(offset) * (3.0 / r2) - DMat3::IDENTITY) * per_r3;
-        };
+        let mut field = Field::ZERO;
         for (body, gm) in bodies.iter().zip(GM_M3_S2) {
-            central(state.position_m - *body, gm);
+            field.add_point_mass(state.position_m - *body, gm);
         }
-        // Pressure falls with the square of the distance as gravity does: a weaker Sun.
-        let pressure =
-            PRESSURE_1AU_N_M2 * ASTRONOMICAL_UNIT_M * ASTRONOMICAL_UNIT_M * self.pressure_area_m2_kg;
-        central(state.position_m - bodies[0], -pressure);
+        field.add_sunlight(state.position_m - bodies[0], self.pressure_area_m2_kg);
         let r = state.position_m - bodies[0];
         let (distance, v) = (r.length(), state.velocity_m_s);
         let gm = GM_M3_S2[0];
         let scale = gm / (LIGHT_SPEED_M_S * LIGHT_SPEED_M_S * distance.powi(3));
         // The Sun's own velocity (15 m/s) is nothing here.
         let relativity = (r * (4.0 * gm / distance - v.length_squared()) + v * (4.0 * r.dot(v))) * scale;
-        (total + relativity, gradient)
+        (field.acceleration_m_s2 + relativity, field.gradient_s2)
     }
 
     /// The state at another instant of the table's span.
@@ -125,16 +99,7 @@ impl Dynamics {
             let (a, gradient) = self.acceleration_and_gradient(t, &state);
             let mut out = [0.0; 42];
             out[..6].copy_from_slice(&[y[3], y[4], y[5], a.x, a.y, a.z]);
-            // Phi, row by row: the position's rows change by the velocity's, those by the gradient times the position's.
-            let phi = |row: usize, column: usize| y[6 + 6 * row + column];
-            for column in 0..6 {
-                let position = DVec3::new(phi(0, column), phi(1, column), phi(2, column));
-                let pull = gradient * position;
-                for row in 0..3 {
-                    out[6 + 6 * row + column] = phi(row + 3, column);
-                    out[6 + 6 * (row + 3) + column] = pull[row];
-                }
-            }
+            transition_rate(&gradient, &y[6..], &mut out[6..]);
             out
         };
         let end = runge_kutta(rate, start, from_s, to_s, STEP_S);
@@ -169,7 +134,7 @@ pub fn runge_kutta<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retina_sky::ephemeris::Ephemeris;
+    use retina_sky::ephemeris::{ASTRONOMICAL_UNIT_M, Ephemeris};
     use retina_sky::planets::Planet;
 
     fn dynamics(days: f64) -> (f64, Dynamics) {
@@ -207,11 +172,7 @@ mod tests {
         let days = 40.0;
         let (start, mut dynamics) = dynamics(days);
         // Mars must not pull at itself: its own place is put far away.
-        for row in 0..50 {
-            if let Some(row) = dynamics.ephemeris.rows_mut().get_mut(row) {
-                row[5] = DVec3::splat(1e15);
-            }
-        }
+        dynamics.ephemeris = dynamics.ephemeris.without(Planet::Mars);
         let place = |t: f64| Ephemeris::analytic().position_m(Planet::Mars, t).unwrap();
         let velocity = (place(start + 600.0) - place(start - 600.0)) / 1200.0;
         let state = PhaseState { position_m: place(start), velocity_m_s: velocity };

@@ -1,12 +1,11 @@
 //! The direction in which a spacecraft sees a planet.
 
 use glam::DVec3;
-use retina_sky::ephemeris::{ASTRONOMICAL_UNIT_M, LIGHT_SPEED_M_S};
+use retina_sky::ephemeris::{ASTRONOMICAL_UNIT_M, EphemerisTable, LIGHT_SPEED_M_S};
 use retina_sky::observer::{aberrated, deflected_by_sun};
 use retina_sky::planets::Planet;
 
 use super::dynamics::PhaseState;
-use super::ephemeris::EphemerisTable;
 
 /// The apparent direction of a planet (unit vector, ICRF axes; light-time, deflection by the Sun and aberration in
 /// it) and its distance (m), as `state` sees it at an instant.

@@ -6,14 +6,12 @@
 
 mod dynamics;
 mod ekf;
-mod ephemeris;
 mod matrix;
 mod measurement;
 mod triangulation;
 
-pub use dynamics::{Dynamics, GM_M3_S2, PhaseState, runge_kutta};
+pub use dynamics::{Dynamics, PhaseState, runge_kutta};
 pub use ekf::{Filter, Innovation};
-pub use ephemeris::{BODIES, EphemerisTable};
 pub use matrix::{Matrix6, Vector6, cholesky, product, product_transposed, quadratic_form_inverse};
 pub use measurement::{apparent_direction, tangent_axes};
 pub use triangulation::{Beacon, Fix, triangulate};

@@ -1,12 +1,11 @@
 //! Position from planets seen at once.
 
 use glam::{DMat3, DVec3};
-use retina_sky::ephemeris::LIGHT_SPEED_M_S;
+use retina_sky::ephemeris::{EphemerisTable, LIGHT_SPEED_M_S};
 use retina_sky::observer::aberrated;
 use retina_sky::planets::Planet;
 
 use super::dynamics::PhaseState;
-use super::ephemeris::EphemerisTable;
 use super::measurement::{apparent_direction, tangent_axes};
 
 /// A planet's measured line of sight.
