@@ -183,7 +183,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return print_json(&document);
     }
     let mut lines = text(&file, &question, &answer);
-    lines.extend(among.iter().flat_map(|among| among_text(among)));
+    lines.extend(among.iter().flat_map(among_text));
     lines.extend(notes.iter().map(|note| format!("  note: {note}")));
     print_lines(&lines)
 }
