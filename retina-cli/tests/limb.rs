@@ -185,3 +185,154 @@ fn a_refusal_says_what_was_seen_and_what_to_try() {
         std::fs::remove_file(&picture).unwrap();
     }
 }
+
+/// A frame of the shipped Moon among stars, rendered, and as a linear photograph of 16 bits: (folder, photograph, truth).
+fn rendered_among_stars(folder: &tempfile::TempDir) -> (PathBuf, PathBuf, Value) {
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
+    let scene = folder.path().join("scene.toml");
+    let text = format!(
+        "schema = \"retina.scene/1\"\nsetup = \"{assets}/setups/narrow-fov.toml\"\n\
+         trajectory = {{ kind = \"lumio-halo\", frames = 1, step_s = 300.0, epoch = \"2027-08-04T00:00:00\" }}\n\
+         radiance_scale = \"auto\"\n[compensation]\nmode = \"none\"\n[[body]]\nname = \"moon\"\n\
+         model = \"{assets}/bodies/moon.glb\"\nshading = \"smooth\"\n\
+         photometry = {{ model = \"lunar-lambert\", normal_albedo = 0.12 }}\n[stars]\nfaintest_magnitude = 8.25\n",
+        assets = assets.display()
+    );
+    std::fs::write(&scene, text).unwrap();
+    let out = folder.path().join("frames-of-it");
+    let done = retina().arg("render").arg(&scene).arg("--out").arg(&out).output().unwrap();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let truth = std::fs::read_to_string(out.join("truth/000000.json")).unwrap();
+    let truth: Value = serde_json::from_str(&truth).unwrap();
+    // The screen's counts by its response, (B / 255)^2.2, made linear, and the stars drawn brighter beside a Moon that the
+    // screen dims: V 4 has 20 000 DN in a Gaussian spot of 0.9 px.
+    let counts = image::open(out.join("frames/000000.png")).unwrap().to_luma8();
+    let (width, height) = counts.dimensions();
+    let mut light: Vec<f64> =
+        counts.pixels().map(|count| (f64::from(count.0[0]) / 255.0).powf(2.2) * 40_000.0).collect();
+    for star in truth["stars"].as_array().unwrap() {
+        let [x, y] = [0, 1].map(|k| number(&star["screen_px"][k]));
+        let flux = 20_000.0 * 10f64.powf(0.4 * (4.0 - number(&star["magnitude"])));
+        for row in (y as u32).saturating_sub(6)..(y as u32 + 7).min(height) {
+            for column in (x as u32).saturating_sub(6)..(x as u32 + 7).min(width) {
+                let off = (f64::from(column) + 0.5 - x).powi(2) + (f64::from(row) + 0.5 - y).powi(2);
+                light[(row * width + column) as usize] +=
+                    flux * (-0.5 * off / 0.81).exp() / (std::f64::consts::TAU * 0.81);
+            }
+        }
+    }
+    let photo = folder.path().join("photo.png");
+    image::ImageBuffer::<image::Luma<u16>, Vec<u16>>::from_fn(width, height, |x, y| {
+        let noise = (x.wrapping_mul(2_654_435_761) ^ y.wrapping_mul(2_246_822_519)).rotate_left(13);
+        let noise = f64::from(noise.wrapping_mul(3_266_489_917) >> 16) / 65_536.0 * 40.0;
+        image::Luma([(200.0 + noise + light[(y * width + x) as usize]).min(65_535.0) as u16])
+    })
+    .save(&photo)
+    .unwrap();
+    (out, photo, truth)
+}
+
+fn vector3(value: &Value) -> [f64; 3] {
+    [0, 1, 2].map(|k| number(&value[k]))
+}
+
+fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
+}
+
+#[test]
+fn stars_and_the_terrain_of_the_limb_give_the_cameras_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let (dir, photo, truth) = rendered_among_stars(&folder);
+    let moon = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/bodies/moon.glb");
+    let moon = moon.to_str().unwrap();
+    let fov = ["--fov-deg", "9.7", "--stars", "--time", "2027-08-04T00:00:00 TDB"];
+    let place_of = |more: &[&str]| {
+        let out = limb(&photo, &[&fov[..], more, &["--json"]].concat());
+        assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+        let found: Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert!(found["place"].is_object(), "{found}");
+        found
+    };
+    let known = place_of(&["--silhouette", moon]);
+    let ellipsoid = place_of(&[]);
+    // -A^T P: the camera relative to the body, by the truth's attitude A (scalar first) and place P.
+    let [w, x, y, z] = [0, 1, 2, 3].map(|k| number(&truth["camera_from_inertial"][k]));
+    let [px, py, pz] = vector3(&truth["bodies"]["moon"]["position_camera_m"]);
+    let (vx, vy, vz) = (-x, -y, -z);
+    let [tx, ty, tz] = [2.0 * (vy * pz - vz * py), 2.0 * (vz * px - vx * pz), 2.0 * (vx * py - vy * px)];
+    let at = [
+        -(px + w * tx + vy * tz - vz * ty),
+        -(py + w * ty + vz * tx - vx * tz),
+        -(pz + w * tz + vx * ty - vy * tx),
+    ];
+    let [off_m, off_ellipsoid_m] = [&known, &ellipsoid].map(|found| {
+        let body = vector3(&truth["bodies"]["moon"]["position_camera_m"]);
+        let range_m = body.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let found_m = vector3(&found["place"]["position_from_body_m"]);
+        let found_range_m = found_m.iter().map(|x| x * x).sum::<f64>().sqrt();
+        println!("range off by {:.1} km of {:.0}", 1e-3 * (found_range_m - range_m), 1e-3 * range_m);
+        apart(found_m, at)
+    });
+    println!("off by {off_m:.0} m with the silhouette, {off_ellipsoid_m:.0} m without");
+    assert_eq!(known["body"]["outline"], "silhouette");
+    assert!(number(&known["range_sigma_m"]) < 0.3 * number(&ellipsoid["range_sigma_m"]));
+    assert!(off_m < 4.0 * number(&known["range_sigma_m"]) && off_m < 25e3, "{off_m}");
+    // The same silhouette at the attitude that the truth has.
+    let sequence = retina()
+        .args(["navigate", "full-disk"])
+        .arg(&dir)
+        .args(["--silhouette", moon, "--limb-height-sigma-m", "190", "--json"])
+        .output()
+        .unwrap();
+    let found: Value = serde_json::from_slice(&sequence.stdout).unwrap();
+    let error = vector3(&found["frames"][0]["error_m"]);
+    assert!(apart(error, [0.0; 3]) < 25e3 && number(&found["frames"][0]["nees"]) < 16.0, "{found}");
+    // A mesh that is turned is another outline, or another place.
+    let turned = limb(
+        &photo,
+        &["--fov-deg", "9.7", "--silhouette", moon, "--camera-from-body", "0.3,0.5,-0.2,0.7", "--json"],
+    );
+    let turned: Value = serde_json::from_slice(&turned.stdout).unwrap();
+    assert!(
+        turned["solved"] == false || number(&turned["rms_px"]) > 2.0 * number(&known["rms_px"]),
+        "{turned}"
+    );
+    let words = ["moon.glb", "a silhouette depends on the attitude", "--stars with --time"];
+    assert_refused(&limb(&photo, &["--fov-deg", "9.7", "--silhouette", moon]), &words);
+}
+
+#[test]
+fn a_mask_hides_what_is_beside_the_body() {
+    let folder = tempfile::tempdir().unwrap();
+    let photo = photograph(&folder, 51.3, 20_000.0);
+    // A bright wall that touches the Moon from the right.
+    let wall = folder.path().join("wall.png");
+    let mut picture = image::open(&photo).unwrap().to_luma16();
+    let first = (CENTER[0] + 8.0) as u32;
+    for (x, _, pixel) in picture.enumerate_pixels_mut() {
+        if x > first {
+            pixel.0[0] = 30_000;
+        }
+    }
+    picture.save(&wall).unwrap();
+    let mask = folder.path().join("mask.png");
+    image::ImageBuffer::<image::Luma<u8>, Vec<u8>>::from_fn(SIZE[0], SIZE[1], |x, _| {
+        image::Luma([if x > first { 0 } else { 255 }])
+    })
+    .save(&mask)
+    .unwrap();
+    let smooth =
+        ["--limb-height-m", "0", "--limb-height-sigma-m", "0", "--focal-percent", "0", "--sun-deg", "70"];
+    let found = document(&wall, &[&smooth[..], &["--mask", mask.to_str().unwrap()]].concat());
+    assert_eq!(found["solved"], true, "{found}");
+    for axis in 0..2 {
+        assert!((number(&found["center_px"][axis]) - CENTER[axis]).abs() < 0.3, "{found}");
+    }
+    let without = document(&wall, &smooth);
+    assert!(without["solved"] == false || (number(&without["center_px"][0]) - CENTER[0]).abs() > 2.0);
+    let words = ["mask.png", "does not have the size of the image"];
+    std::fs::write(&mask, []).unwrap();
+    image::ImageBuffer::<image::Luma<u8>, Vec<u8>>::new(10, 10).save(&mask).unwrap();
+    assert_refused(&limb(&photo, &[&CAMERA[..], &["--mask", mask.to_str().unwrap()]].concat()), &words);
+}

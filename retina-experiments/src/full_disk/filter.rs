@@ -73,6 +73,15 @@ impl Default for FilterOptions {
     }
 }
 
+impl FilterOptions {
+    /// For positions by a silhouette that has the terrain: what is left are texture and shadows on the hills at the limb.
+    /// A hill of 3 km stands there while the sight turns by acos(R / (R + 3 km)) = 3.4 deg.
+    #[must_use]
+    pub fn for_silhouette(self) -> Self {
+        Self { terrain_tilt_deg: 3.4, ..self }
+    }
+}
+
 /// The filter's answer at a frame.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FilterStep {

@@ -80,7 +80,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut steps = Steps::new();
     let label = folder.label();
     steps.step("navigating");
-    let options = FilterOptions::default();
+    let plain = FilterOptions::default();
+    let options = if arguments.silhouette.is_some() { plain.for_silhouette() } else { plain };
     let sequence = navigate(&source, &label, list.as_deref(), Some(&options), &ephemeris, &mut steps)?;
     steps.finish();
     let document = report::document(&source, &sequence);
