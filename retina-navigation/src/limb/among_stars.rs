@@ -53,7 +53,8 @@ pub struct AmongStars {
 /// Where a camera is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraPlace {
-    /// Relative to where the body was when the light left it, ICRF axes, m.
+    /// Relative to the body, ICRF axes, m: to where it is at the epoch, by its ephemeris; without these, to where it was when
+    /// the light left it. The Moon moves by 4 km while its light goes 40 000 km.
     pub from_body_m: DVec3,
     /// Its covariance, m^2: the limb's, and the attitude's.
     pub covariance_m2: DMat3,
@@ -138,10 +139,10 @@ impl LimbQuestion {
         let beta = velocity_m_s.map_or(DVec3::ZERO, |velocity| velocity / LIGHT_SPEED_M_S);
         let place = answer.sight.as_ref().ok().map(|sight| {
             let place = CameraPlace::new(sight, camera_from_inertial, solution, beta);
+            let Some(known) = &known else { return place };
             let light_s = sight.range_m[0] / LIGHT_SPEED_M_S;
-            let body_m = known.as_ref().map(|known| known.position_m - known.velocity_m_s * light_s);
-            let barycentric_m = body_m.map(|body_m| body_m + place.from_body_m);
-            CameraPlace { barycentric_m, ..place }
+            let from_body_m = place.from_body_m - known.velocity_m_s * light_s;
+            CameraPlace { from_body_m, barycentric_m: Some(known.position_m + from_body_m), ..place }
         });
         Ok(AmongStars { question, answer, stars, place })
     }
