@@ -15,8 +15,22 @@ const MOST_STEPS: usize = 12;
 /// The golden section's smaller part.
 const GOLDEN: f64 = 0.381_966_011_25;
 
-/// The blur that fits the edges of a sample of nodes best, px; `None` where it is wider than any that is tried.
-pub(super) fn blur(image: &CameraImage, nodes: &[Node], half_width_px: f64, noise_dn: f64) -> Option<f64> {
+/// Why no blur is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum NoBlur {
+    /// Too few nodes show an edge.
+    FewEdges,
+    /// It is wider than any that is tried.
+    TooWide,
+}
+
+/// The blur that fits the edges of a sample of nodes best, px.
+pub(super) fn blur(
+    image: &CameraImage,
+    nodes: &[Node],
+    half_width_px: f64,
+    noise_dn: f64,
+) -> Result<f64, NoBlur> {
     let step = (nodes.len() / NODES).max(1);
     let mut sample: Vec<(Node, Vec<Sample>, f64)> = nodes
         .iter()
@@ -28,7 +42,7 @@ pub(super) fn blur(image: &CameraImage, nodes: &[Node], half_width_px: f64, nois
         })
         .collect();
     if sample.len() < 4 {
-        return None;
+        return Err(NoBlur::FewEdges);
     }
     // Medians over the nodes: a crater's edge in one does not decide. Each fit begins where the one before ended.
     let mut misfit = |log_blur: f64| {
@@ -60,9 +74,9 @@ pub(super) fn blur(image: &CameraImage, nodes: &[Node], half_width_px: f64, nois
         }
     }
     if !tried[best][1].is_finite() || best + 1 == BLURS_PX.len() {
-        return None;
+        return Err(NoBlur::TooWide);
     }
-    Some(minimum([tried[best.saturating_sub(1)], tried[best], tried[best + 1]], misfit).exp())
+    Ok(minimum([tried[best.saturating_sub(1)], tried[best], tried[best + 1]], misfit).exp())
 }
 
 /// The place of the minimum of a function between two others ([place, value] each) where it is greater: by parabolas

@@ -228,14 +228,25 @@ pub enum Refusal {
     },
     /// The border is sharp and smooth, and follows another outline than the body's.
     #[error(
-        "the border follows another outline than the body's: residuals have a wave of {wave_px:.2} px, and relief makes \
-         {allowed_px:.2} px at most"
+        "the border follows another outline than the body's: residuals have a wave of {wave_px:.3} px, and relief makes \
+         {allowed_px:.3} px at most"
     )]
     OtherOutline {
         /// Root mean square of the wave, px.
         wave_px: f64,
         /// What the body's relief and the edges' model may make, px.
         allowed_px: f64,
+    },
+    /// The border does not follow the silhouette that the mesh has in that attitude.
+    #[error(
+        "the border does not follow the silhouette of the mesh in that attitude: it is off by {off_px:.2} px rms, and \
+         {most_px:.2} px are allowed"
+    )]
+    NotTheSilhouette {
+        /// What the points' noise does not explain, px.
+        off_px: f64,
+        /// What it may be, px.
+        most_px: f64,
     },
     /// The edges are blurred in one direction more than in another.
     #[error(
@@ -264,6 +275,7 @@ impl Refusal {
             Self::ThinCrescent { .. } => "thin_crescent",
             Self::Saturated { .. } => "saturated",
             Self::OtherOutline { .. } => "other_outline",
+            Self::NotTheSilhouette { .. } => "not_the_silhouette",
             Self::Smeared { .. } => "smeared",
             Self::NotTheBody { .. } => "not_the_body",
         }

@@ -197,6 +197,9 @@ impl LimbQuestion {
                  was named needs --radii-m. Take out the lens' distortion (--setup, --calibration), expose so briefly that \
                  nothing smears, and keep the lit limb in the frame. --limb-height-sigma-m states the relief of a rough body"
                 .to_owned(),
+            Refusal::NotTheSilhouette { .. } => "Check the attitude (--camera-from-body turns the body's axes into the \
+                 camera's, scalar first; with --stars, the time), the mesh's axes and units, and the Sun (--sun-deg)"
+                .to_owned(),
             Refusal::Smeared { .. } => "Expose for a shorter time, hold the camera still, or track the body; a lens with \
                  astigmatism or coma does the same: focus anew, or put the body in the middle"
                 .to_owned(),

@@ -54,6 +54,13 @@ impl BodyShape {
         Self { vertices_m, edges }
     }
 
+    /// Mean length of the edges, m: how finely the shape is known.
+    pub fn mean_edge_m(&self) -> f64 {
+        let length =
+            |[from, to]: &[u32; 2]| self.vertices_m[*from as usize].distance(self.vertices_m[*to as usize]);
+        self.edges.iter().map(length).sum::<f64>() / self.edges.len().max(1) as f64
+    }
+
     /// The outermost places at [`ANGLES`] position angles about the projected origin; `None` where the camera is inside,
     /// or the origin is not.
     fn silhouette(&self, position_m: DVec3, camera_from_body: DMat3, scale: f64) -> Option<Vec<Rim>> {

@@ -20,7 +20,7 @@ use super::start::{Start, no_limb, outline_shape, start};
 use super::{LimbBody, LimbCamera, LimbOptions, LimbSolution, Refusal};
 
 /// So many edges are measured in a second width.
-const MOST_WIDE: usize = 96;
+const MOST_WIDE: usize = 48;
 /// Edges are measured about the outline, which they move: at most so many times.
 const MOST_TURNS: usize = 3;
 /// Not again about one that has moved by less than this, px.
@@ -36,12 +36,52 @@ const BLUR_WINDOW_PX: f64 = 8.0;
 /// A blur above this share of the window is looked at in twice the window.
 const WIDE_BLUR: f64 = 0.25;
 
+/// Directions of the Sun that are tried where a silhouette is fitted and none is given.
+const SUNS: usize = 8;
+/// A point this near to the outline is on it, px.
+const ON_SILHOUETTE_PX: f64 = 0.3;
+
 /// Measures the limb of `body` in an image: its centre in the camera's frame, or the origin of its shape's axes. Pixels
 /// that are no number (NaN) are not seen.
 ///
 /// # Errors
 /// There is none, or not enough of it: see [`Refusal`].
 pub fn solve_limb(
+    image: &CameraImage,
+    camera: &LimbCamera,
+    body: &LimbBody,
+    options: &LimbOptions,
+) -> Result<LimbSolution, Refusal> {
+    if body.shape.is_none() || options.sun_direction_px.is_some() {
+        return solve_lit(image, camera, body, options);
+    }
+    // An irregular outline has a terminator that may look like another part of it: of all directions of the Sun that one
+    // counts by which most of the border is the silhouette.
+    let suns = (0..SUNS).map(|k| Some(DVec2::from_angle(std::f64::consts::TAU * k as f64 / SUNS as f64)));
+    let answers: Vec<Result<LimbSolution, Refusal>> = std::iter::once(None)
+        .chain(suns)
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .map(|sun| solve_lit(image, camera, body, &LimbOptions { sun_direction_px: sun, ..*options }))
+        .collect();
+    let on_it = |solution: &LimbSolution| {
+        solution
+            .points
+            .iter()
+            .filter(|point| point.used && point.residual_px.abs() < ON_SILHOUETTE_PX)
+            .count()
+    };
+    let mut answers = answers.into_iter();
+    let first = answers.next().unwrap_or(Err(Refusal::NoBody { least_radius_px: options.least_radius_px }));
+    answers.fold(first, |best, other| match (&best, &other) {
+        (Err(_), Ok(_)) => other,
+        (Ok(one), Ok(another)) if on_it(another) > on_it(one) => other,
+        _ => best,
+    })
+}
+
+/// [`solve_limb`] for one direction of the Sun, or one that the border says.
+fn solve_lit(
     image: &CameraImage,
     camera: &LimbCamera,
     body: &LimbBody,
@@ -75,13 +115,13 @@ pub fn solve_limb(
             let width = BLUR_WINDOW_PX.min(0.3 * mean_radius);
             width_px = width;
             let nodes = lit.choose(all.clone(), width);
-            let narrow = blur(image, &nodes, width, seen.noise_dn);
+            let narrow = blur(image, &nodes, width, seen.noise_dn).ok();
             blur_px = match narrow {
                 Some(found) if found < WIDE_BLUR * width => Some(found),
                 // Flanks that reach beyond the window are looked at in a wider one.
                 _ => {
                     let wide = (2.0 * BLUR_WINDOW_PX).min(0.3 * mean_radius);
-                    blur(image, &lit.choose(all.clone(), wide), wide, seen.noise_dn).or(narrow)
+                    blur(image, &lit.choose(all.clone(), wide), wide, seen.noise_dn).ok().or(narrow)
                 }
             }
             .ok_or_else(|| match saturated_share(image, &nodes, width) {

@@ -77,7 +77,7 @@ pub(crate) struct Arguments {
     /// Position angle of the Sun in the image, degrees: 0 is up, 90 is left [default: found from the lit shape].
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     sun_deg: Option<f64>,
-    /// Epoch of the photograph, ISO 8601.
+    /// Epoch of the photograph, ISO 8601; without `Z` or `UTC` at its end it is TDB.
     #[arg(long, value_name = "EPOCH")]
     time: Option<String>,
     /// Place on the Earth (WGS 84): latitude and east longitude in degrees, height in m.
@@ -170,6 +170,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             question.tone_sigma_share
         ));
     }
+    if let Some(mask) = &mask {
+        let share = mask.iter().filter(|seen| **seen).count() as f64 / mask.len().max(1) as f64;
+        notes.push(format!("the mask leaves {:.1} % of the photograph", 100.0 * share));
+    }
     notes.extend(question.doubts(&answer));
     if arguments.json {
         let mut document = question.json(&answer);
@@ -188,6 +192,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     print_lines(&lines)
 }
 
+/// What lengths are given in: factor from metres, and unit. An asteroid's tens of kilometres are told in metres.
+fn length_unit(length_m: f64) -> (f64, &'static str) {
+    if length_m < 1e5 { (1.0, "m") } else { (1e-3, "km") }
+}
+
 /// What stars add to it.
 fn among_text(among: &AmongStars) -> Vec<String> {
     let mut lines = Vec::new();
@@ -200,9 +209,10 @@ fn among_text(among: &AmongStars) -> Vec<String> {
         ));
     }
     if let Some(place) = &among.place {
-        let (at, sigma) = (place.from_body_m * 1e-3, place.sigma_m() * 1e-3);
+        let (per_m, unit) = length_unit(place.from_body_m.length());
+        let (at, sigma) = (place.from_body_m * per_m, place.sigma_m() * per_m);
         lines.push(format!(
-            "  camera relative to the body, ICRF axes: ({:.1} +- {:.1}, {:.1} +- {:.1}, {:.1} +- {:.1}) km",
+            "  camera relative to the body, ICRF axes: ({:.1} +- {:.1}, {:.1} +- {:.1}, {:.1} +- {:.1}) {unit}",
             at.x, sigma.x, at.y, sigma.y, at.z, sigma.z
         ));
     }
@@ -216,7 +226,8 @@ fn text(file: &str, question: &LimbQuestion, answer: &LimbAnswer) -> Vec<String>
         Ok(sight) => sight,
     };
     let solution = &sight.solution;
-    let [range_km, sigma_km] = sight.range_m.map(|metres| 1e-3 * metres);
+    let (per_m, unit) = length_unit(sight.range_m[0]);
+    let [range, sigma] = sight.range_m.map(|metres| per_m * metres);
     let [x, y, z] = sight.line_of_sight.to_array();
     let axes = solution.ellipse.semi_axes_px;
     let mut lines = vec![
@@ -237,14 +248,14 @@ fn text(file: &str, question: &LimbQuestion, answer: &LimbAnswer) -> Vec<String>
             solution.rms_px,
         ),
         format!(
-            "  range {range_km:.1} +- {sigma_km:.1} km; line of sight ({x:.6}, {y:.6}, {z:.6}), {:.2} arcsec per axis",
+            "  range {range:.1} +- {sigma:.1} {unit}; line of sight ({x:.6}, {y:.6}, {z:.6}), {:.2} arcsec per axis",
             sight.line_of_sight_sigma_rad().to_degrees() * 3600.0
         ),
         format!(
-            "  sigma of the range (km): {}",
+            "  sigma of the range ({unit}): {}",
             sight
                 .range_terms_m()
-                .map(|(name, sigma_m)| format!("{} {:.2}", name.replace('_', " "), 1e-3 * sigma_m))
+                .map(|(name, sigma_m)| format!("{} {:.2}", name.replace('_', " "), per_m * sigma_m))
                 .join(", ")
         ),
         format!(
@@ -481,11 +492,15 @@ fn epoch_s(time: &str) -> Result<f64, Failure> {
 
 /// `LAT,LON,HEIGHT`: degrees, degrees, m.
 fn site(text: &str) -> Result<Site, Failure> {
-    let place = vector("--site", text)?;
+    let wrong = || {
+        InputError::new(Path::new("--site"), "is no place on the Earth")
+            .found(format!("`{text}`"))
+            .expected("three numbers, LAT,LON,HEIGHT: degrees, degrees, metres")
+    };
+    let place = vector("--site", text).map_err(|_| wrong())?;
     let [latitude_deg, longitude_deg, altitude_m] = place.to_array();
     if latitude_deg.abs() > 90.0 || longitude_deg.abs() > 360.0 || altitude_m.abs() > 1e5 {
-        return Err(InputError::new(Path::new("--site"), "is no place on the Earth")
-            .found(format!("`{text}`"))
+        return Err(wrong()
             .expected("latitude -90 to 90 deg, east longitude -360 to 360 deg, height -100000 to 100000 m")
             .into());
     }
