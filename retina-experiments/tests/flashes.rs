@@ -5,7 +5,7 @@
 use glam::{DMat3, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng as _;
-use rand_distr::{Distribution as _, StandardNormal};
+use rand_distr::{Distribution as _, Poisson, StandardNormal};
 use retina_geometry::Pinhole;
 use retina_image::CameraImage;
 use retina_navigation::flashes::{
@@ -48,6 +48,18 @@ fn noise(seed: u64) -> CameraImage {
     image
 }
 
+/// Electrons that are counted, one a DN, of a mean that grows from 40 to 80 across the night side, ever faster: its noise
+/// grows from 6.3 to 9 DN.
+fn veil(seed: u64) -> CameraImage {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut image = CameraImage::new(SIZE as u32, SIZE as u32, 4095.0);
+    for (at, value) in image.values.iter_mut().enumerate() {
+        let across = ((at % SIZE) as f64 - 56.0) / 200.0;
+        *value = Poisson::new(40.0 + 50.0 * across * across).unwrap().sample(&mut random) as f32;
+    }
+    image
+}
+
 /// Integral of a standard normal's bell from -x to x (Abramowitz and Stegun, 7.1.26; 1.5e-7).
 fn within(x: f64) -> f64 {
     let z = x.abs() / 2f64.sqrt();
@@ -74,7 +86,8 @@ fn detect(image: &CameraImage, false_alarms_per_frame: f64) -> NightSide {
     let light = Light {
         zero_point: Some(ZeroPoint::constant(15.0)),
         gain_e_per_dn: None,
-        spot: Spot::Gaussian(SPOT_PX),
+        // As it is seen: with the pixels' own variance.
+        spot: Spot::Gaussian(SPOT_PX.hypot(1.0 / 12f64.sqrt())),
     };
     detect_flashes(
         image,
@@ -85,26 +98,42 @@ fn detect(image: &CameraImage, false_alarms_per_frame: f64) -> NightSide {
     )
 }
 
-#[test]
-fn noise_gives_half_to_all_of_the_stated_number_of_false_alarms() {
-    let (frames, stated) = (60, 5.0);
-    let found: usize = (0..frames).map(|seed| detect(&noise(seed), stated).candidates.len()).sum();
-    let ratio = found as f64 / (frames as f64 * stated);
-    // 300 are stated, 6 % scatter. A simulation by another program (numpy) has 0.86 of them as maxima of the sums at this
-    // threshold (3.7 sigma; neighbours are alike) and 0.57 without those that are one pixel's.
-    assert!((0.4..0.68).contains(&ratio), "{ratio}");
+/// False alarms over those that are stated.
+fn alarms(image: impl Fn(u64) -> CameraImage, frames: u64, stated: f64) -> f64 {
+    let found: usize = (0..frames).map(|seed| detect(&image(seed), stated).candidates.len()).sum();
+    found as f64 / (frames as f64 * stated)
 }
 
 #[test]
-fn the_detection_rate_is_that_of_the_signal_in_nine_pixels() {
+fn noise_gives_less_than_the_stated_number_of_false_alarms_and_not_much_less() {
+    let ratio = alarms(noise, 60, 5.0);
+    // 300 are stated, 6 % scatter. A simulation by another program (numpy) has 0.81 of them as maxima of matched sums at
+    // this threshold (3.4 sigma): sums are taken at pixels, between which the highest maxima are. Half of these are joined
+    // to a neighbour or have no light in the window that measures them.
+    assert!((0.3..0.81).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn skewed_noise_of_a_curved_veil_gives_no_more_false_alarms_than_are_stated() {
+    // 300 of 3.4 sigma, and 60 of 4.1 sigma, where the tail of Poisson's distribution is farther from a normal one's: the
+    // bounds are those of white noise.
+    for (frames, stated) in [(60, 5.0), (150, 0.4)] {
+        let ratio = alarms(veil, frames, stated);
+        assert!((0.25..0.81).contains(&ratio), "{stated}: {ratio}");
+    }
+}
+
+#[test]
+fn the_detection_rate_is_that_of_the_signal_in_sums_matched_to_the_spot() {
     let threshold = detect(&noise(0), 0.01).threshold_sigma;
-    // Nine pixels about the middle of one hold this share of a spot, and 3 pixel noises.
-    let share = within(1.5 / SPOT_PX).powi(2);
+    // The sum of squared shares of a spot on the middle of a pixel: light over the noise of a matched sum is its root.
+    let share = |k: i32| within((f64::from(k) + 0.5) / SPOT_PX) - within((f64::from(k) - 0.5) / SPOT_PX);
+    let squares: f64 = (-9..=9).map(|k| (0.5 * share(k)).powi(2)).sum();
     let places: Vec<[f64; 2]> = (0..6)
         .flat_map(|r| (0..4).map(move |c| [120.5 + 26.0 * f64::from(c), 180.5 + 30.0 * f64::from(r)]))
         .collect();
     for beyond in [-1.5, 0.0, 1.5] {
-        let light_dn = (threshold + beyond) * 3.0 * NOISE_DN / share;
+        let light_dn = (threshold + beyond) * NOISE_DN / squares;
         let (mut found, mut all) = (0, 0);
         for seed in 0..12 {
             let mut image = noise(1000 + seed);
@@ -117,15 +146,53 @@ fn the_detection_rate_is_that_of_the_signal_in_nine_pixels() {
             all += places.len();
         }
         let rate = f64::from(u32::try_from(found).unwrap()) / all as f64;
-        // Q(-beyond), 288 trials: 3 % scatter. Of nine places about the peak the best counts, which lifts it by up to
-        // half a sigma: Q(-0.5) = 0.69, Q(1) = 0.16, Q(-2) = 0.98.
+        // Q(-beyond), 288 trials: 3 % scatter. Of the places about the peak the best counts: a maximum over two coordinates
+        // is higher by 1 / signal = 0.2 sigma. Q(-0.2) = 0.58, Q(1.3) = 0.10, Q(-1.7) = 0.955.
         let range = match beyond {
-            b if b < 0.0 => normal_tail(1.5) - 0.03..0.22,
-            0.0 => 0.45..0.75,
+            b if b < 0.0 => normal_tail(1.5) - 0.03..0.15,
+            0.0 => 0.47..0.67,
             _ => 1.0 - normal_tail(1.5) - 0.04..1.001,
         };
         assert!(range.contains(&rate), "{beyond}: {rate}, {range:?}");
     }
+}
+
+#[test]
+fn magnitudes_are_unbiased_and_scatter_by_their_sigmas_on_a_curved_veil_and_beside_the_masks_edge() {
+    // Light of 25 sigma in the middle, and 11 px from the dark limb: 3 px within the mask.
+    let light_dn = 1300.0;
+    for column in [150.0, 56.0 + 11.0] {
+        let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
+        for seed in 0..60 {
+            let mut image = veil(5000 + seed);
+            let rows = if column > 100.0 { vec![190.3, 230.7, 270.1, 310.9] } else { vec![256.2] };
+            rows.iter().for_each(|&row| spot(&mut image, [column + 0.4, row], light_dn));
+            for found in detect(&image, 0.01).candidates {
+                let relative = (found.magnitude.unwrap() - 15.0 + 2.5 * light_dn.log10())
+                    / found.sigma_magnitude.unwrap();
+                (sum, squares, count) = (sum + relative, squares + relative * relative, count + 1.0);
+            }
+        }
+        // 240 and 60 of them: the mean within 3 sigma of zero, chi-square within 3 sigma of one. The light's own noise,
+        // which is not stated here, is a tenth of it.
+        let (mean, chi2) = (sum / count, squares / count);
+        assert!(count > 58.0 && mean.abs() < 3.0 / f64::sqrt(count), "{column}: {mean} of {count}");
+        assert!((chi2 - 1.05).abs() < 3.0 * (2.0 / count).sqrt(), "{column}: {chi2} of {count}");
+    }
+}
+
+#[test]
+fn hot_pixels_are_no_flashes_whatever_their_light() {
+    let mut image = noise(9);
+    for (k, sigmas) in [4.0, 6.0, 9.0, 15.0, 40.0, 400.0].into_iter().enumerate() {
+        for row in [180, 220, 260, 300] {
+            image.values[row * SIZE + 100 + 20 * k] += (sigmas * NOISE_DN) as f32;
+        }
+    }
+    assert!(detect(&image, 0.01).candidates.is_empty(), "{:?}", detect(&image, 0.01).candidates);
+    // A spot with the light of the brightest is one.
+    spot(&mut image, [150.0, 240.0], 400.0 * NOISE_DN);
+    assert_eq!(detect(&image, 0.01).candidates.len(), 1);
 }
 
 #[test]

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use crate::CameraImage;
 use crate::alike::alike;
+use crate::matched::Local;
 
 /// Samples along each side of a cell.
 const SAMPLES: usize = 12;
@@ -27,6 +28,8 @@ pub struct Background {
     nodes: Vec<[f32; 2]>,
     /// See [`Background::alike`].
     alike: f64,
+    /// What is added to the mesh's level where the image was looked at pixel by pixel.
+    local: Option<Local>,
 }
 
 /// Cells that cover an image, nearly square and nearly of one size.
@@ -95,7 +98,7 @@ impl Background {
         });
         let raw: Vec<[f32; 2]> = raw.into_iter().map(|(node, _)| node).collect();
         let nodes = median_of_neighbours(&raw, mesh.columns, mesh.rows);
-        let mut background = Self { mesh, nodes, alike: 1.0 };
+        let mut background = Self { mesh, nodes, alike: 1.0, local: None };
         background.alike = alike(image, &background);
         background
     }
@@ -113,17 +116,24 @@ impl Background {
             }
         });
         let raw = raw.into_iter().map(|(node, count)| (count >= FEWEST_IN_CELL).then_some(node)).collect();
-        Self { mesh, nodes: spread_out(raw, mesh.columns, mesh.rows), alike: 1.0 }
+        Self { mesh, nodes: spread_out(raw, mesh.columns, mesh.rows), alike: 1.0, local: None }
     }
 
     /// Level at a position, DN.
     pub fn level_dn(&self, x_px: f64, y_px: f64) -> f64 {
-        self.value(x_px, y_px, |node| f64::from(node[0]))
+        let local = self.local.as_ref().and_then(|local| local.level_dn(x_px, y_px)).unwrap_or(0.0);
+        self.value(x_px, y_px, |node| f64::from(node[0])) + local
+    }
+
+    /// Adds a local level with its noise, and says how alike neighbours are. Bounds ([`Self::fill_least`]) stay the mesh's.
+    pub(crate) fn refine(&mut self, local: Local, alike: f64) {
+        (self.local, self.alike) = (Some(local), alike);
     }
 
     /// Standard deviation of a pixel about the level, DN.
     pub fn noise_dn(&self, x_px: f64, y_px: f64) -> f64 {
-        self.value(x_px, y_px, |node| f64::from(node[1])).max(1e-6)
+        let local = self.local.as_ref().and_then(|local| local.noise_dn(x_px, y_px));
+        local.unwrap_or_else(|| self.value(x_px, y_px, |node| f64::from(node[1]))).max(1e-6)
     }
 
     /// How many times the scatter of 3 x 3 sums is what pixels of independent noise would have, 1 to 3: neighbours of an

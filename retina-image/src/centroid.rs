@@ -284,13 +284,15 @@ impl AxisWeights {
 }
 
 /// Centre of mass and sum (px, px, DN) of the connected pixels above `threshold_sigma` of noise around a
-/// peak, with the variance of each axis's centroid from a pixel noise (DN) and a gain (electrons per DN).
+/// peak, with the variance of each axis's centroid from a pixel noise (DN) and a gain (electrons per DN). Pixels that
+/// touch at a corner are connected if `by_corners`: a point on a screen can be two of them.
 pub(crate) fn moments(
     image: &CameraImage,
     background: &Background,
     peak: [usize; 2],
     threshold_sigma: f64,
     gain_e_per_dn: Option<f64>,
+    by_corners: bool,
     skip: &[[usize; 2]],
 ) -> Option<([f64; 2], f64, [f64; 2])> {
     const HALF: usize = 24;
@@ -309,7 +311,10 @@ pub(crate) fn moments(
             continue;
         }
         lit.push(([x as f64 + 0.5, y as f64 + 0.5], value));
-        for (nx, ny) in [(x.wrapping_sub(1), y), (x + 1, y), (x, y.wrapping_sub(1)), (x, y + 1)] {
+        let (left, up) = (x.wrapping_sub(1), y.wrapping_sub(1));
+        let sides = [(left, y), (x + 1, y), (x, up), (x, y + 1)];
+        let corners = [(left, up), (x + 1, up), (left, y + 1), (x + 1, y + 1)];
+        for &(nx, ny) in sides.iter().chain(if by_corners { &corners[..] } else { &[] }) {
             let [cx, cy] =
                 [[nx, peak[0]], [ny, peak[1]]].map(|[at, from]| at.wrapping_add(HALF).wrapping_sub(from));
             if nx < width && ny < height && cx < SIDE && cy < SIDE && !seen[cy * SIDE + cx] {

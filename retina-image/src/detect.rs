@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use crate::candidates::{candidates, nine, without_spikes};
 use crate::centroid::{self, WEIGHT_RATIO, Window, Windowed};
+use crate::matched::{Wanted, matched};
 use crate::plateau::{Plateau, plateau_at};
 use crate::surroundings::surroundings;
 use crate::width::WidthMap;
@@ -125,8 +126,9 @@ pub fn detect_points(image: &CameraImage, options: &DetectOptions) -> Detection 
     let threshold_sigma = options.threshold_sigma * background.alike();
     let candidates = candidates(image, &background, threshold_sigma);
     let spike_share = spike_share(options.single_pixels);
-    let found = without_spikes(image, &background, threshold_sigma, spike_share, &candidates);
-    measured(image, &background, found, options)
+    let (peaks, hot) = without_spikes(image, &background, threshold_sigma, spike_share, &candidates);
+    let peaks = joined(image, &background, peaks, options);
+    measured(image, &background, (peaks, hot), options)
 }
 
 /// As [`detect_points`], in the pixels where `mask` (row by row) is true; they alone say what the background is.
@@ -135,8 +137,30 @@ pub fn detect_points_in(image: &CameraImage, mask: &[bool], options: &DetectOpti
     let mut candidates = candidates(image, &background, options.threshold_sigma);
     candidates.retain(|&[x, y]| mask[y * image.width_px as usize + x]);
     let spike_share = spike_share(options.single_pixels);
-    let found = without_spikes(image, &background, options.threshold_sigma, spike_share, &candidates);
-    measured(image, &background, found, options)
+    let (peaks, hot) = without_spikes(image, &background, options.threshold_sigma, spike_share, &candidates);
+    let peaks = joined(image, &background, peaks, options);
+    measured(image, &background, (peaks, hot), options)
+}
+
+/// As [`detect_points_in`], by sums that are matched to a spot of `spot_sigma_px` ([`FIRST_SPOT_SIGMA_PX`] where absent)
+/// and not of 3 x 3 pixels. They stand out by `threshold_sigma` of their own scatter in the mask; where noise is skewed, as
+/// that of few electrons is, by so much more that it exceeds them as often as normal noise would. The level follows the
+/// image within some spots' widths.
+pub fn detect_matched_in(image: &CameraImage, mask: &[bool], options: &DetectOptions) -> Detection {
+    let mut background = Background::estimate_in(image, mask, options.mesh_px);
+    let wanted = Wanted {
+        spot_sigma_px: options.spot_sigma_px.unwrap_or(FIRST_SPOT_SIGMA_PX),
+        threshold_sigma: options.threshold_sigma,
+        spike_share: spike_share(options.single_pixels),
+        largest_skew_dn: options.gain_e_per_dn.map_or(f64::INFINITY, |gain| 1.0 / gain),
+    };
+    let found = matched(image, mask, &mut background, &wanted);
+    let mut detection = measured(image, &background, found, options);
+    // A window beside the mask's edge may end on what is brighter beyond it.
+    let is_inside =
+        |point: &LightPoint| mask[point.y_px as usize * image.width_px as usize + point.x_px as usize];
+    detection.points.retain(is_inside);
+    detection
 }
 
 /// Nothing is a spike whose neighbours are to have no share of its light.
@@ -148,11 +172,9 @@ fn spike_share(single_pixels: bool) -> f64 {
 fn measured(
     image: &CameraImage,
     background: &Background,
-    (mut peaks, hot_pixels): (Vec<Peak>, Vec<[usize; 2]>),
+    (peaks, hot_pixels): (Vec<Peak>, Vec<[usize; 2]>),
     options: &DetectOptions,
 ) -> Detection {
-    let reach_px = 8.0 * options.spot_sigma_px.unwrap_or(FIRST_SPOT_SIGMA_PX);
-    peaks = joined(image, background, peaks, reach_px);
     let saturation = options.saturation_dn.unwrap_or(image.full_scale_dn);
     let widths = match options.spot_sigma_px {
         Some(sigma) => WidthMap::constant(sigma),
@@ -168,7 +190,13 @@ fn measured(
 }
 
 /// Drops peaks that belong to a brighter one's spot, and marks those that overlap.
-fn joined(image: &CameraImage, background: &Background, mut peaks: Vec<Peak>, reach_px: f64) -> Vec<Peak> {
+fn joined(
+    image: &CameraImage,
+    background: &Background,
+    mut peaks: Vec<Peak>,
+    options: &DetectOptions,
+) -> Vec<Peak> {
+    let reach_px = 8.0 * options.spot_sigma_px.unwrap_or(FIRST_SPOT_SIGMA_PX);
     peaks.sort_by(|a, b| b.light_dn.total_cmp(&a.light_dn).then(a.centre.cmp(&b.centre)));
     let side = reach_px.max(1.0);
     let columns = (f64::from(image.width_px) / side) as usize + 1;
@@ -292,6 +320,7 @@ fn measure(
             peak.pixel,
             options.threshold_sigma,
             options.gain_e_per_dn,
+            options.single_pixels,
             &skip,
         )?;
         [point.x_px, point.y_px] = mean;

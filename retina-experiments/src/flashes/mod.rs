@@ -4,6 +4,7 @@
 //! - [`summarise`]: detection rate against magnitude, false detections, errors.
 //! - [`FlashScenario`], [`run_scenario`]: the whole experiment from one file.
 
+mod camera_light;
 mod experiment;
 mod figures;
 mod rates;

@@ -22,11 +22,13 @@ pub struct Watched {
 
 impl Watched {
     fn json(&self) -> Value {
+        let zero = self.light.and_then(|light| light.zero_point);
         json!({
             "name": self.label,
-            "zero_point_magnitude": self.light.and_then(|light| light.zero_point).map(|zero| zero.magnitude),
-            "zero_point_corner_magnitude":
-                self.light.and_then(|light| light.zero_point).map(|zero| zero.corner_magnitude),
+            "zero_point_magnitude": zero.map(|zero| zero.magnitude),
+            "zero_point_corner_magnitude": zero.map(|zero| zero.corner_magnitude),
+            "zero_point_bend_magnitude": zero.map(|zero| zero.bend_magnitude),
+            "zero_point_sigma_magnitude": zero.map(|zero| zero.sigma_magnitude),
             "spot_sigma_px": self.light.map(|light| light.spot_sigma_px),
             "summary": self.summary,
         })
@@ -170,7 +172,8 @@ pub fn page(title: &str, sequences: &[Watched], notes: &[String]) -> Page {
         .text(
             "Rates are of flashes that nothing hides, on the night side within the margins. Magnitudes are means over the \
              exposure: a flash that shines for half of it is 0.75 mag fainter. False detections are candidates with no \
-             flash within 3 px; expected are those that normal noise gives above the threshold.",
+             flash within 3 px, or within two standard deviations of the spot if that is more; expected are those that \
+             noise gives above the threshold.",
         )
         .list(notes)
         .figure(

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use glam::{DMat3, DVec2, DVec3};
 use retina_files::{InputError, hash_bytes, read_text};
+use retina_image::Steps;
 use retina_radiometry::magnitude_of_irradiance;
 use serde::{Deserialize, Serialize};
 
@@ -21,8 +22,10 @@ use retina_navigation::limb::Mapping;
 /// Schema of the lists of frames and of the document.
 pub(super) const SCHEMA: &str = "retina.navigation-flashes/1";
 
-/// A candidate this near to where a flash is is that flash, px: spots are one to two wide.
+/// A candidate this near to where a flash is is that flash, px.
 const SAME_PX: f64 = 3.0;
+/// Or so many standard deviations of its spot: that of a faint one's place is a quarter of the spot's and more.
+const SAME_SPOTS: f64 = 2.0;
 
 /// What is known of a camera's light; of screen images the setup says it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -189,7 +192,7 @@ pub fn flash_notes(source: &Source) -> Result<Vec<String>, InputError> {
     if matches!(source.camera.mapping, Mapping::Pinhole) && !source.truth(source.frames[0])?.compensated {
         notes.push(format!(
             "without a calibration flashes stand off their places by the facility's distortion; a candidate more than \
-             {SAME_PX} px away counts as false"
+             {SAME_PX} px away (two standard deviations of the spot if that is more) counts as false"
         ));
     }
     Ok(notes)
@@ -214,12 +217,21 @@ pub fn watch_frame(
     let there = TruthFile::read(&truth_path(&source.choice.dir, frame))?;
     let pose = pose_of(&truth);
     let light = light_of(source, light, there.radiance_scale);
-    let night = detect_flashes(&source.image(frame)?, &source.camera, &pose, &light, options);
+    let mut image = source.image(frame)?;
+    if source.kind == ImageKind::Screen {
+        // Counts made linear are no whole numbers: a low count's light is a third of one.
+        image.steps = Steps::Fine;
+    }
+    let night = detect_flashes(&image, &source.camera, &pose, &light, options);
     let flashes = there.flashes.unwrap_or_default();
     let own =
         flashes.iter().filter(|flash| source.choice.body.as_ref().is_none_or(|name| *name == flash.body));
     let mut outcomes: Vec<FlashOutcome> = own.map(|flash| outcome(source, &night, flash)).collect();
-    let taken = assign(&night.candidates, &mut outcomes);
+    let same_px = match light.spot {
+        Spot::Pixels => SAME_PX,
+        Spot::Gaussian(sigma_px) => SAME_PX.max(SAME_SPOTS * sigma_px),
+    };
+    let taken = assign(&night.candidates, &mut outcomes, same_px);
     let radius_m = truth.limb_body().mean_radius_m();
     for outcome in &mut outcomes {
         compare(&night.candidates, outcome, radius_m);
@@ -270,13 +282,13 @@ fn is_inside(night: &NightSide, [width, height]: [u32; 2], px: DVec2) -> bool {
 
 /// Gives each candidate the nearest flash that is not hidden and has none yet, the nearest pairs first; returns the
 /// candidates that are flashes.
-fn assign(candidates: &[Candidate], outcomes: &mut [FlashOutcome]) -> BTreeMap<usize, usize> {
+fn assign(candidates: &[Candidate], outcomes: &mut [FlashOutcome], same_px: f64) -> BTreeMap<usize, usize> {
     let mut pairs = Vec::new();
     for (number, outcome) in outcomes.iter().enumerate().filter(|(_, outcome)| !outcome.hidden) {
         let Some(px) = outcome.px else { continue };
         for (candidate, found) in candidates.iter().enumerate() {
             let off_px = (found.px[0] - px[0]).hypot(found.px[1] - px[1]);
-            if off_px < SAME_PX {
+            if off_px < same_px {
                 pairs.push((off_px, candidate, number));
             }
         }

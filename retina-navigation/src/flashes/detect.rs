@@ -4,10 +4,11 @@ use std::path::Path;
 
 use glam::DVec2;
 use retina_files::InputError;
-use retina_image::{CameraImage, Centroid, DetectOptions, detect_points_in};
+use retina_image::{CameraImage, Centroid, DetectOptions, detect_matched_in, detect_points_in};
 use serde::{Deserialize, Serialize};
 
 use super::night::{BodyPose, Margins, night_mask};
+use super::threshold::{SearchArea, threshold_sigma};
 use crate::limb::LimbCamera;
 
 /// How flashes are looked for.
@@ -80,14 +81,18 @@ impl Default for FlashOptions {
 pub struct ZeroPoint {
     /// In the image's middle.
     pub magnitude: f64,
-    /// What is added in its corners; elsewhere by the square of the distance from the middle.
+    /// What is added in its corners; elsewhere times d, the square of the distance from the middle, 1 in the corners.
     pub corner_magnitude: f64,
+    /// What is added in between, times d (1 - d): it grows faster near the middle where this is above 0.
+    pub bend_magnitude: f64,
+    /// Standard deviation of points' own zero points about this one.
+    pub sigma_magnitude: f64,
 }
 
 impl ZeroPoint {
-    /// The same everywhere.
+    /// The same everywhere, and exact.
     pub fn constant(magnitude: f64) -> Self {
-        Self { magnitude, corner_magnitude: 0.0 }
+        Self { magnitude, corner_magnitude: 0.0, bend_magnitude: 0.0, sigma_magnitude: 0.0 }
     }
 
     /// Squared distance from the middle of an image of a size, the corners' being one.
@@ -95,8 +100,14 @@ impl ZeroPoint {
         (px - 0.5 * size_px).length_squared() / (0.25 * size_px.length_squared())
     }
 
-    fn at(&self, px: DVec2, size_px: DVec2) -> f64 {
-        self.magnitude + self.corner_magnitude * Self::distance2(px, size_px)
+    /// At a place of an image of a size.
+    pub fn at(&self, px: DVec2, size_px: DVec2) -> f64 {
+        self.at_distance2(Self::distance2(px, size_px))
+    }
+
+    /// At a [`Self::distance2`].
+    pub fn at_distance2(&self, distance2: f64) -> f64 {
+        self.magnitude + distance2 * (self.corner_magnitude + (1.0 - distance2) * self.bend_magnitude)
     }
 }
 
@@ -137,7 +148,7 @@ pub struct Candidate {
     pub snr: f64,
     /// V, mean over the exposure, where the zero point is known.
     pub magnitude: Option<f64>,
-    /// Its standard deviation from the image's noise; `None` where there is none.
+    /// Its standard deviation from the image's noise and the zero point's; `None` where there is no noise.
     pub sigma_magnitude: Option<f64>,
     /// A pixel of it is saturated.
     pub saturated: bool,
@@ -150,7 +161,8 @@ pub struct NightSide {
     pub mask: Vec<bool>,
     /// How many they are.
     pub watched_px: usize,
-    /// A detection's light stands out by so many standard deviations of the noise of 3 x 3 pixels.
+    /// A detection's light stands out by so many standard deviations of normal noise: of sums matched to the camera's spot,
+    /// of 3 x 3 pixels of a screen.
     pub threshold_sigma: f64,
     /// Typical level, DN.
     pub background_dn: f64,
@@ -158,24 +170,6 @@ pub struct NightSide {
     pub noise_dn: f64,
     /// What was found, the brightest first.
     pub candidates: Vec<Candidate>,
-}
-
-/// Upper tail of the normal distribution.
-pub fn normal_tail(x: f64) -> f64 {
-    0.5 * libm::erfc(x * std::f64::consts::FRAC_1_SQRT_2)
-}
-
-/// The threshold that the sum of 3 x 3 pixels' normal noise exceeds `expected` times among so many. Detections are fewer:
-/// neighbouring sums are alike, and what one pixel makes alone is taken for a hot one. Six tenths are left at 3.7 sigma,
-/// more above it.
-pub fn threshold_sigma(pixels: usize, expected: f64) -> f64 {
-    let share = expected / pixels.max(1) as f64;
-    let (mut low, mut high) = (1.0, 40.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if normal_tail(middle) > share { low = middle } else { high = middle }
-    }
-    0.5 * (low + high)
 }
 
 /// Looks for points of light on the night side of a body of known place.
@@ -192,8 +186,17 @@ pub fn detect_flashes(
         terminator_px: options.terminator_margin_px,
     };
     let mask = night_mask(camera, pose, &margins);
-    let watched_px = mask.iter().filter(|dark| **dark).count();
-    let threshold_sigma = threshold_sigma(watched_px, options.false_alarms_per_frame);
+    let area = SearchArea::of(&mask, image.width_px as usize);
+    let (watched_px, stated) = (area.pixels, options.false_alarms_per_frame);
+    let (screen, spot_sigma_px) = match light.spot {
+        Spot::Pixels => (true, SCREEN_SPOT_SIGMA_PX),
+        Spot::Gaussian(sigma_px) => (false, sigma_px),
+    };
+    let threshold_sigma = if screen {
+        threshold_sigma(watched_px, stated)
+    } else {
+        area.matched_threshold_sigma(stated, spot_sigma_px)
+    };
     let mut night = NightSide {
         mask,
         watched_px,
@@ -205,10 +208,6 @@ pub fn detect_flashes(
     if watched_px == 0 {
         return night;
     }
-    let (screen, spot_sigma_px) = match light.spot {
-        Spot::Pixels => (true, SCREEN_SPOT_SIGMA_PX),
-        Spot::Gaussian(sigma_px) => (false, sigma_px),
-    };
     let detect = DetectOptions {
         threshold_sigma,
         gain_e_per_dn: light.gain_e_per_dn,
@@ -219,7 +218,12 @@ pub fn detect_flashes(
         ..DetectOptions::default()
     };
     let size_px = DVec2::new(f64::from(image.width_px), f64::from(image.height_px));
-    let found = detect_points_in(image, &night.mask, &detect);
+    let zero_sigma = light.zero_point.map_or(0.0, |zero| zero.sigma_magnitude);
+    let found = if screen {
+        detect_points_in(image, &night.mask, &detect)
+    } else {
+        detect_matched_in(image, &night.mask, &detect)
+    };
     [night.background_dn, night.noise_dn] = [found.background_dn, found.noise_dn];
     night.candidates = found
         .points
@@ -243,7 +247,7 @@ pub fn detect_flashes(
                     .zero_point
                     .filter(|_| light_dn > 0.0)
                     .map(|zero| zero.at(px, size_px) - 2.5 * light_dn.log10()),
-                sigma_magnitude: noisy.then(|| 2.5 / std::f64::consts::LN_10 / point.snr),
+                sigma_magnitude: noisy.then(|| (2.5 / std::f64::consts::LN_10 / point.snr).hypot(zero_sigma)),
                 saturated: point.saturated,
             })
         })
@@ -253,17 +257,3 @@ pub fn detect_flashes(
 
 /// A point on a screen is two or three adjacent pixels: half of this window's reach parts it from its neighbours.
 const SCREEN_SPOT_SIGMA_PX: f64 = 0.6;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn tails_and_thresholds_are_the_tables() {
-        // Abramowitz and Stegun, tables 26.1 and 26.2: Q(3), Q(4), Q(5).
-        for (x, expected) in [(3.0, 1.349_90e-3), (4.0, 3.167_12e-5), (5.0, 2.866_52e-7)] {
-            assert!((normal_tail(x) / expected - 1.0).abs() < 1e-5, "{x}");
-        }
-        assert!((threshold_sigma(1_000_000, 0.286_652) - 5.0).abs() < 1e-5);
-    }
-}

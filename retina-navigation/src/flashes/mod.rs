@@ -5,8 +5,8 @@
 
 mod detect;
 mod night;
+mod threshold;
 
-pub use detect::{
-    Candidate, FlashOptions, Light, NightSide, Spot, ZeroPoint, detect_flashes, normal_tail, threshold_sigma,
-};
+pub use detect::{Candidate, FlashOptions, Light, NightSide, Spot, ZeroPoint, detect_flashes};
 pub use night::{BodyPose, Margins, Met, night_mask};
+pub use threshold::{SearchArea, normal_tail, threshold_sigma};

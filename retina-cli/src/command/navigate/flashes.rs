@@ -36,7 +36,17 @@ pub(crate) struct Arguments {
     /// It corrects for the light lost by spots whose width differs from --spot-sigma-px.
     #[arg(long, value_name = "MAG", allow_negative_numbers = true, requires = "zero_point_magnitude")]
     zero_point_corner_magnitude: Option<f64>,
+    /// Magnitude added to the zero point between the middle and the corners, times d (1 - d).
+    ///
+    /// d is the square of the distance from the middle, 1 in the corners.
+    #[arg(long, value_name = "MAG", allow_negative_numbers = true, requires = "zero_point_magnitude")]
+    zero_point_bend_magnitude: Option<f64>,
+    /// Standard deviation of the zero point. It is part of the magnitudes' standard deviations.
+    #[arg(long, value_name = "MAG", requires = "zero_point_magnitude")]
+    zero_point_sigma_magnitude: Option<f64>,
     /// Standard deviation of a point's spot in the camera images, px [default: 1].
+    ///
+    /// The detector forms sums matched to this spot.
     #[arg(long, value_name = "PX")]
     spot_sigma_px: Option<f64>,
     /// Expected number of false detections per frame from normal noise. It sets the threshold.
@@ -126,6 +136,8 @@ fn scenario(arguments: &Arguments) -> Result<(), Failure> {
     let out = folder.scenario_out(&[
         ("--zero-point-magnitude", arguments.zero_point_magnitude.is_some()),
         ("--zero-point-corner-magnitude", arguments.zero_point_corner_magnitude.is_some()),
+        ("--zero-point-bend-magnitude", arguments.zero_point_bend_magnitude.is_some()),
+        ("--zero-point-sigma-magnitude", arguments.zero_point_sigma_magnitude.is_some()),
         ("--spot-sigma-px", arguments.spot_sigma_px.is_some()),
         ("--false-alarms-per-frame", arguments.false_alarms_per_frame != options.false_alarms_per_frame),
         ("--limb-margin-px", arguments.limb_margin_px != options.limb_margin_px),
@@ -161,11 +173,25 @@ impl Arguments {
     fn light(&self) -> Result<CameraLight, InputError> {
         let spot_sigma_px = self.spot_sigma_px.unwrap_or(SPOT_SIGMA_PX);
         let zero_point = self.zero_point_magnitude.unwrap_or(0.0);
-        let corner = self.zero_point_corner_magnitude.unwrap_or(0.0);
+        let corner_magnitude = self.zero_point_corner_magnitude.unwrap_or(0.0);
+        let bend_magnitude = self.zero_point_bend_magnitude.unwrap_or(0.0);
+        let sigma_magnitude = self.zero_point_sigma_magnitude.unwrap_or(0.0);
         for (flag, value, fits, expected) in [
             ("--spot-sigma-px", spot_sigma_px, (0.3..=10.0).contains(&spot_sigma_px), "0.3 to 10"),
             ("--zero-point-magnitude", zero_point, zero_point.is_finite(), "a finite number"),
-            ("--zero-point-corner-magnitude", corner, corner.is_finite(), "a finite number"),
+            (
+                "--zero-point-sigma-magnitude",
+                sigma_magnitude,
+                (0.0..=10.0).contains(&sigma_magnitude),
+                "0 to 10",
+            ),
+            (
+                "--zero-point-corner-magnitude",
+                corner_magnitude,
+                corner_magnitude.is_finite(),
+                "a finite number",
+            ),
+            ("--zero-point-bend-magnitude", bend_magnitude, bend_magnitude.is_finite(), "a finite number"),
             (
                 "--bin-magnitudes",
                 self.bin_magnitudes,
@@ -179,8 +205,12 @@ impl Arguments {
                     .expected(expected));
             }
         }
-        let zero_point =
-            self.zero_point_magnitude.map(|magnitude| ZeroPoint { magnitude, corner_magnitude: corner });
+        let zero_point = self.zero_point_magnitude.map(|magnitude| ZeroPoint {
+            magnitude,
+            corner_magnitude,
+            bend_magnitude,
+            sigma_magnitude,
+        });
         Ok(CameraLight { zero_point, spot_sigma_px })
     }
 }
