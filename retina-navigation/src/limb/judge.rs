@@ -94,8 +94,8 @@ pub(super) fn judge(
     let correlation_factor = correlation_factor(&scaled);
     let wave = wave(&last.points, &fit, &ellipse);
     let saturated_px = SATURATED_EDGE_MODEL_PX * last.saturated;
-    let relief = (options.limb_height_sigma_m / body.mean_radius_m()).max(LEAST_RELIEF);
-    let allowed_px = WAVE_PX.hypot(WAVE_PER_RELIEF * relief * radius).hypot(2.0 * saturated_px);
+    let relief = (WAVE_PER_RELIEF * options.limb_height_sigma_m / body.mean_radius_m()).max(LEAST_RELIEF);
+    let allowed_px = WAVE_PX.hypot(relief * radius).hypot(2.0 * saturated_px);
     if wave.rms_px > allowed_px && wave.gain > LEAST_WAVE_GAIN {
         return Err(Refusal::OtherOutline { wave_px: wave.rms_px, allowed_px });
     }
