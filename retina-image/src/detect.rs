@@ -142,7 +142,7 @@ pub fn detect_points_in(image: &CameraImage, mask: &[bool], options: &DetectOpti
     measured(image, &background, (peaks, hot), options)
 }
 
-/// As [`detect_points_in`], by sums that are matched to a spot of `spot_sigma_px` ([`FIRST_SPOT_SIGMA_PX`] where absent)
+/// As [`detect_points_in`], by sums that are matched to a spot of `spot_sigma_px` (1.5 px where absent)
 /// and not of 3 x 3 pixels. They stand out by `threshold_sigma` of their own scatter in the mask; where noise is skewed, as
 /// that of few electrons is, by so much more that it exceeds them as often as normal noise would. The level follows the
 /// image within some spots' widths.
