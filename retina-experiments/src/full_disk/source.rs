@@ -9,7 +9,6 @@ use retina_files::{InputError, hash_bytes, hash_file, read_text};
 use retina_formats::{Calibration, MeasuredResponse, measured_or_power_law};
 use retina_geometry::Setup;
 use retina_image::{CameraImage, ReadOptions, Steps};
-use retina_model::load_body;
 use retina_radiometry::ScreenResponse;
 use serde::{Deserialize, Serialize};
 
@@ -166,9 +165,7 @@ impl Source {
             None => None,
             Some(path) => {
                 text.push_str(&hash_file(path)?);
-                let mesh = load_body(path)?;
-                let vertices_m = mesh.vertices.iter().map(|vertex| vertex.position_m).collect();
-                Some(Arc::new(BodyShape::new(vertices_m, &mesh.triangles)))
+                Some(Arc::new(BodyShape::read(path)?))
             }
         };
         let hash = hash_bytes(text.as_bytes());

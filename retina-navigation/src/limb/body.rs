@@ -144,9 +144,7 @@ impl KnownBody {
                 "the mesh's height above its ellipsoid, rms",
             ));
         };
-        let axes_from_body = ellipsoid.body_from_axes.transpose();
-        let vertices_m = mesh.vertices.iter().map(|vertex| axes_from_body * vertex.position_m).collect();
-        let shape = BodyShape::new(vertices_m, &mesh.triangles);
+        let shape = BodyShape::of(&mesh, ellipsoid.body_from_axes.transpose());
         let mut known = Self::ellipsoid(&name, axes_m, Some(turn * ellipsoid.body_from_axes))?.with_limb(
             0.0,
             MODEL_SIGMA_SHARE * shape.mean_edge_m(),
@@ -161,9 +159,7 @@ impl KnownBody {
     /// # Errors
     /// The mesh cannot be read.
     pub fn with_silhouette(mut self, path: &Path) -> Result<Self, BodyError> {
-        let mesh = load_body(path)?;
-        let vertices_m = mesh.vertices.iter().map(|vertex| vertex.position_m).collect();
-        self.silhouette = Some(Arc::new(BodyShape::new(vertices_m, &mesh.triangles)));
+        self.silhouette = Some(Arc::new(BodyShape::read(path)?));
         if self.attitude_given {
             let turn = self.body.camera_from_body;
             return Ok(self.turned(turn));

@@ -1,16 +1,18 @@
 //! Position of a resolved body from its limb.
 //!
-//! 1. `coarse`: the lit blob and the circle about its outer border (RANSAC).
-//! 2. `edge`: sub-pixel edges along the outline on the lit side, by a step with PSF.
-//! 3. `blur`: the width of that PSF, by the edges themselves.
-//! 4. `smear`: that width by direction.
-//! 5. `side`: which side of a nearly full disc is limb, where the Sun's direction is not known.
+//! 1. `start`: where the body is, by the lit blob's border. `coarse` lays a circle about it (RANSAC); the silhouette of a
+//!    mesh (`shape`) is compared with it as a whole.
+//! 2. `edge`: sub-pixel edges along the `outline` on the side that is lit (`lit`), by a step with PSF.
+//! 3. `blur`: the width of that PSF, by the edges themselves; `smear`: that width by direction.
+//! 4. `side`: which side of a nearly full disc is limb, where the Sun's direction is not known.
+//! 5. `fit`: position and covariance: of an ellipsoid without iteration (Christian and Robinson 2016), of a silhouette by
+//!    least squares.
 //! 6. `shading`: what a body's shading does to its edges, by fits in two widths.
-//! 7. `fit`: position and covariance without iteration over the position (Christian and Robinson 2016).
-//! 8. `wave`: whether what is left is a body's relief, or another outline.
+//! 7. `wave`: whether what is left is a body's relief, or another outline.
 //!
-//! [`solve_limb`] runs them, and `judge` says what comes of it: a body, or a [`Refusal`]. [`LimbQuestion`] asks a photograph of which
-//! no attitude is known, and [`KnownBody`] says what may be in it.
+//! [`solve_limb`] runs them, and `judge` says what comes of it: a body, or a [`Refusal`]. [`LimbQuestion`] asks a
+//! photograph of which no attitude is known, alone or with the stars in it (`among_stars`). [`KnownBody`] says what may be
+//! in it.
 
 mod among_stars;
 mod blur;

@@ -1,8 +1,11 @@
 //! The outline of a body's own shape: the silhouette of its mesh from where the camera is.
 
 use std::f64::consts::{PI, TAU};
+use std::path::Path;
 
 use glam::{DMat3, DVec2, DVec3};
+use retina_files::InputError;
+use retina_model::{Body, load_body};
 
 use super::LimbCamera;
 use super::edge::{Node, node_count};
@@ -52,6 +55,20 @@ impl BodyShape {
         edges.sort_unstable();
         edges.dedup();
         Self { vertices_m, edges }
+    }
+
+    /// The shape of a mesh file, in the body's own axes.
+    ///
+    /// # Errors
+    /// The mesh cannot be read.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        Ok(Self::of(&load_body(path)?, DMat3::IDENTITY))
+    }
+
+    /// The shape of a mesh, in axes that `axes_from_body` takes the mesh's to.
+    pub fn of(mesh: &Body, axes_from_body: DMat3) -> Self {
+        let vertices_m = mesh.vertices.iter().map(|vertex| axes_from_body * vertex.position_m).collect();
+        Self::new(vertices_m, &mesh.triangles)
     }
 
     /// Mean length of the edges, m: how finely the shape is known.

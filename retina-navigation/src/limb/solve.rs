@@ -131,14 +131,14 @@ fn solve_lit(
         }
         let width = (2.5 * blur_px + 2.5).min(0.3 * mean_radius).max(2.5);
         last = measure(image, &lit.choose(all, width), width, blur_px, &seen);
-        last.outline = outline.nodes.len();
+        last.outline_px = outline.nodes.iter().map(|node| node.at).collect();
         if last.saturated > MOST_SATURATED {
             return Err(Refusal::Saturated { percent: 100.0 * last.saturated });
         }
         let fitted = |points: &[Measured]| outline.fit(points, camera, body, height_m);
         last.points = last.measured();
         let mut current = fitted(&last.points)
-            .ok_or_else(|| no_limb(&seen, &lit, last.points.len(), last.outline, options))?;
+            .ok_or_else(|| no_limb(&seen, &lit, last.points.len(), last.outline_px.len(), options))?;
         let judged = lit.sun.is_none().then(|| side(&last.points, &current, &ellipse, options.phase_rad));
         if let Some(judged) = judged {
             open_px2 = judged.open_px2;
@@ -163,9 +163,7 @@ fn solve_lit(
     }
     let current = outline.fit(&last.points, camera, body, height_m);
     let current = current.ok_or_else(|| not("its border is no limb"))?;
-    let solution =
-        judge(current, Measurement { shading, open_px2, ..last }, &seen, &lit, camera, body, options)?;
-    Ok(LimbSolution { outline_px: outline.nodes.iter().map(|node| node.at).collect(), ..solution })
+    judge(current, Measurement { shading, open_px2, ..last }, &seen, &lit, camera, body, options)
 }
 
 /// What a first look at an image sees: the lit blob and the circle about it.
@@ -244,8 +242,8 @@ pub(super) struct Measurement {
     pub(super) points: Vec<Measured>,
     /// Nodes that are wholly inside the frame.
     pub(super) inside: usize,
-    /// Nodes of the whole outline.
-    pub(super) outline: usize,
+    /// Places of the whole outline, px.
+    pub(super) outline_px: Vec<DVec2>,
     /// Share of inner pixels that are saturated.
     pub(super) saturated: f64,
     /// Standard deviation of the edges' blur, px.

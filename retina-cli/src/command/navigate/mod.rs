@@ -5,6 +5,7 @@ mod flashes;
 mod frames_folder;
 mod full_disk;
 mod limb;
+mod limb_text;
 mod star_text;
 mod stars;
 mod steps;
