@@ -108,6 +108,10 @@ const SPIKE_SHARE: f64 = 0.2;
 /// spot is a disc with a brighter rim.
 const SADDLE_SHARE: f64 = 0.5;
 
+/// A plateau of saturated pixels that reaches farther than so many standard deviations of a spot is measured in a window
+/// of its own size.
+const WIDE_PLATEAU: f64 = 4.0;
+
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Peak {
     /// Brightest pixel.
@@ -181,7 +185,9 @@ fn measured(
         None => WidthMap::measure(image, background, &peaks, saturation, &hot_pixels),
     };
     let measure = |peak: &Peak| measure(image, background, options, peak, &widths, saturation, &hot_pixels);
-    let mut points: Vec<LightPoint> = peaks.par_iter().with_min_len(64).filter_map(measure).collect();
+    let points: Vec<(LightPoint, Option<Plateau>)> =
+        peaks.par_iter().with_min_len(64).filter_map(measure).collect();
+    let mut points = one_a_plateau(points);
     points.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn));
     let mut points = without_repeats(points);
     flag_neighbours(&mut points, &widths);
@@ -276,13 +282,19 @@ fn measure(
     widths: &WidthMap,
     saturation_dn: f32,
     hot: &[[usize; 2]],
-) -> Option<LightPoint> {
+) -> Option<(LightPoint, Option<Plateau>)> {
     let start = peak.centre.map(|c| c as f64 + 0.5);
     let spot_sigma_px = widths.at_px(start);
     let skip = near(hot, peak.centre);
-    let matched = Window::matched(spot_sigma_px);
+    let mut matched = Window::matched(spot_sigma_px);
+    let mut window = centroid::windowed(image, background, start, matched, &skip)?;
+    let plateau = plateau_at(image, [window.x_px, window.y_px], spot_sigma_px, saturation_dn);
+    if let Some(wide) = plateau.filter(|plateau| plateau.reach_px > WIDE_PLATEAU * spot_sigma_px) {
+        // A flat top has no middle in a window that does not reach its flanks.
+        matched = Window::matched(wide.reach_px);
+        window = centroid::windowed(image, background, wide.centre_px, matched, &skip).unwrap_or(window);
+    }
     let weight = matched.sigma_px;
-    let window = centroid::windowed(image, background, start, matched, &skip)?;
     let noise = background.alike() * background.noise_dn(start[0], start[1]);
     let per_dn = options.gain_e_per_dn.map_or(0.0, |gain| 1.0 / gain);
     // Of a Gaussian spot in the window: its light is ratio / (ratio + 1) of the whole, and so is the
@@ -293,7 +305,6 @@ fn measure(
     let flux_sigma = variance(window.squares).sqrt() / share;
     let [px, py] = peak.pixel;
     let centre = [window.x_px, window.y_px];
-    let plateau = plateau_at(image, centre, spot_sigma_px, saturation_dn);
     let reach_px = plateau.map_or(0.0, |plateau| plateau.reach_px);
     let around = surroundings(image, background, centre, spot_sigma_px, reach_px);
     let shift_px = |p: Plateau| (p.centre_px[0] - centre[0]).hypot(p.centre_px[1] - centre[1]);
@@ -327,7 +338,7 @@ fn measure(
         point.flux_dn = total;
         point.sigma_px = (0.5 * (variance[0] + variance[1])).sqrt();
     }
-    Some(point)
+    Some((point, plateau))
 }
 
 /// The hot pixels, of those row by row, that a window about a place can hold.
@@ -341,6 +352,27 @@ pub(crate) fn near(hot: &[[usize; 2]], centre: [usize; 2]) -> Vec<[usize; 2]> {
 /// Points whose centroids are nearer than this are one, px: peaks of a bright spot's own structure, whose windows have
 /// ended at its middle.
 const SAME_PX: f64 = 1.5;
+
+/// Of points on one plateau of saturated pixels the one nearest to its middle: a plateau has no peak of its own, and
+/// noise about its rim has several.
+fn one_a_plateau(points: Vec<(LightPoint, Option<Plateau>)>) -> Vec<LightPoint> {
+    let mut nearest: HashMap<[u64; 2], usize> = HashMap::new();
+    let key = |plateau: &Plateau| plateau.centre_px.map(f64::to_bits);
+    for (at, (point, plateau)) in points.iter().enumerate() {
+        let Some(plateau) = plateau else { continue };
+        let best = nearest.entry(key(plateau)).or_insert(at);
+        if point.saturation_shift_px < points[*best].0.saturation_shift_px {
+            *best = at;
+        }
+    }
+    let is_kept = |at: usize, plateau: &Option<Plateau>| plateau.is_none_or(|p| nearest[&key(&p)] == at);
+    points
+        .into_iter()
+        .enumerate()
+        .filter(|(at, (_, p))| is_kept(*at, p))
+        .map(|(_, (point, _))| point)
+        .collect()
+}
 
 /// Of points in one place the brightest; the order is kept.
 fn without_repeats(points: Vec<LightPoint>) -> Vec<LightPoint> {

@@ -149,6 +149,33 @@ fn what_is_not_light_is_left_out_and_what_is_doubtful_is_flagged() {
 }
 
 #[test]
+fn a_plateau_wider_than_the_spots_is_one_point() {
+    // A disc of saturated pixels 12 px in radius among stars that say how wide spots are.
+    let (width, height) = (600usize, 400usize);
+    let centre = [301.3, 198.6];
+    let mut plane = vec![0.0; width * height];
+    for (i, value) in plane.iter_mut().enumerate() {
+        let off = [(i % width) as f64 + 0.5 - centre[0], (i / width) as f64 + 0.5 - centre[1]];
+        *value = 20_000.0 * (-0.5 * ((off[0].hypot(off[1]) - 9.0).max(0.0) / 1.5).powi(2)).exp();
+    }
+    for i in 0..30 {
+        add_spot(
+            &mut plane,
+            width,
+            [40.0 + 17.3 * f64::from(i), 60.0 + 250.0 * f64::from(i % 2)],
+            3000.0,
+            1.5,
+        );
+    }
+    let image = QUIET.expose(&plane, width, &mut random(4));
+    let found = detect_points(&image, &DetectOptions::default());
+    let saturated: Vec<_> = found.points.iter().filter(|point| point.saturated).collect();
+    assert_eq!((saturated.len(), found.points.len()), (1, 31), "{saturated:?}");
+    let off = (saturated[0].x_px - centre[0]).hypot(saturated[0].y_px - centre[1]);
+    assert!(off < 0.1, "{off} px, {:?}", saturated[0]);
+}
+
+#[test]
 fn an_empty_image_holds_no_points() {
     let image =
         Imager { ground_dn: [100.0, 0.3, 0.1], ..QUIET }.expose(&vec![0.0; 1024 * 768], 1024, &mut random(5));

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution as _, StandardNormal};
@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::photograph::Photographer;
-use super::scenario::Scenario;
+use super::scenario::{Images, Scenario};
 use super::verdict::planet_verdict;
 use crate::lines::{Line, append, list_name, read_done};
 use retina_navigation::image::{ImageContext, solve_points};
@@ -59,7 +59,8 @@ pub struct PoseResult {
     pub cross_arcsec: Option<f64>,
     /// About the boresight.
     pub about_arcsec: Option<f64>,
-    /// Squared Mahalanobis distance of the attitude's error, chi-square of three degrees of freedom.
+    /// Squared Mahalanobis distance of the attitude's error, chi-square of three degrees of freedom. On the bench the
+    /// setup's jitter counts beside the solution's covariance: the error is against the commanded attitude.
     pub attitude_distance2: Option<f64>,
     /// log10 of the bound on the chance of a false answer.
     pub log10_false_probability: Option<f64>,
@@ -71,6 +72,8 @@ pub struct PoseResult {
     pub planet_distance2: Option<f64>,
     /// Its point is saturated.
     pub planet_saturated: Option<bool>,
+    /// Where the camera would see the planet without any error, px; nothing where it is not shown.
+    pub planet_px: Option<[f64; 2]>,
 }
 
 /// Runs the poses, or a shard's, that are not yet in `folder`'s lists, and returns them in order. The lists are
@@ -170,6 +173,10 @@ fn run_pose(
         planet_arcsec: None,
         planet_distance2: None,
         planet_saturated: None,
+        planet_px: shown
+            .iter()
+            .find(|source| source.planet == Some(planet))
+            .map(|source| camera.pinhole.pixel(source.line_of_sight).to_array()),
     };
     let solution = match &result.solution {
         Err(refusal) => {
@@ -183,7 +190,8 @@ fn run_pose(
     out.matches = solution.matches.len();
     out.cross_arcsec = Some(cross_arcsec);
     out.about_arcsec = Some(error.z.abs() / ARCSEC);
-    out.attitude_distance2 = Some(error.dot(solution.attitude_covariance_rad2.inverse() * error));
+    let covariance = solution.attitude_covariance_rad2 + jitter_covariance_rad2(scenario);
+    out.attitude_distance2 = Some(error.dot(covariance.inverse() * error));
     out.log10_false_probability = Some(solution.log10_false_probability);
     if cross_arcsec > scenario.poses.found_within_arcsec {
         "wrong".clone_into(&mut out.outcome);
@@ -199,6 +207,16 @@ fn run_pose(
         out.planet_distance2 = Some(off.dot(sight.covariance_rad2.inverse() * off));
     }
     Ok(out)
+}
+
+/// Covariance of the bench's camera about its commanded attitude, rotation vector along camera axes: its jitter turns
+/// stars and camera together, so no image shows it.
+fn jitter_covariance_rad2(scenario: &Scenario) -> DMat3 {
+    let jitter_rad = match scenario.images {
+        Images::Bench => scenario.setup.noise.jitter_arcsec * ARCSEC,
+        Images::Points | Images::Ideal => 0.0,
+    };
+    DMat3::from_diagonal(DVec3::new(1.0, 1.0, 0.0) * jitter_rad.powi(2))
 }
 
 /// The rotation vector from a true attitude to one that was found, camera axes, the short way round.

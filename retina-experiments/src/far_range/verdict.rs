@@ -9,8 +9,10 @@ use retina_navigation::planets::PlanetSight;
 use retina_navigation::stars::StarCamera;
 use retina_navigation::synthetic::Source;
 
-/// A planet's point is the right one within this distance of where the planet is shown, px.
+/// A planet's point is the right one within this distance of where the planet is shown, px; or, where it is saturated,
+/// within so many of its standard deviations, since a plateau of saturated pixels may be 20 px wide.
 const SAME_POINT_PX: f64 = 4.0;
+const SAME_POINT_SIGMAS: f64 = 3.0;
 
 /// A planet that was looked for, beside what the image shows.
 pub(super) struct PlanetVerdict<'a> {
@@ -45,8 +47,10 @@ pub(super) fn planet_verdict<'a>(
     };
     let point = &result.points[sight.point];
     let truth = shown.iter().find(|source| source.planet == Some(planet));
+    let sigma_px = if point.saturated { point.sigma_rad * camera.pinhole.fx_px } else { 0.0 };
+    let reach_px = SAME_POINT_PX.max(SAME_POINT_SIGMAS * sigma_px);
     let right =
-        truth.filter(|truth| camera.pinhole.pixel(truth.line_of_sight).distance(point.pixel) < SAME_POINT_PX);
+        truth.filter(|truth| camera.pinhole.pixel(truth.line_of_sight).distance(point.pixel) < reach_px);
     let found = right.map(|truth| {
         let direction = camera_from_inertial.inverse() * truth.line_of_sight.extend(1.0).normalize();
         let error_arcsec = sight.direction.angle_between(direction) / ARCSEC;
