@@ -131,6 +131,9 @@ fn bodies_have_names_radii_or_meshes() {
     std::fs::write(&mesh, common::sphere(16)).unwrap();
     // Chords of 16 cells a face: 0.3 % less volume than the sphere of 1000 m.
     assert!((of(&["--body", mesh.to_str().unwrap()]) / common::RADIUS_M - 1.0).abs() < 0.015);
+    assert!((of(&["--body", "Moon"]) / of(&[]) - 1.0).abs() < 1e-12);
+    let small = document(&photo, &["--radii-m", "0.5"]);
+    assert!(small["notes"].to_string().contains("in km"), "{small}");
     let round = ["--radii-m", "1000,1000,800", "--camera-from-body", "1,0,0,0"];
     // Along the polar axis its outline is the equator.
     assert!((of(&round) / 1000.0 - 1.0).abs() < 0.01);
@@ -141,6 +144,7 @@ fn bodies_have_names_radii_or_meshes() {
         (vec!["--radii-m", "big"], vec!["--radii-m", "`big`", "a number of metres"]),
         (vec!["--camera-from-body", "0,0,0,0"], vec!["--camera-from-body", "is no rotation"]),
         (vec!["--sun-deg", "400"], vec!["--sun-deg", "400", "-360 to 360"]),
+        (vec!["--focal-percent", "-1"], vec!["--focal-percent", "-1", "0 to 20"]),
         (vec!["--time", "2023-12-22"], vec!["--time", "--site LAT,LON,HEIGHT"]),
         (
             vec!["--time", "2023-12-22", "--site", "95,0,0"],
@@ -332,6 +336,9 @@ fn a_mask_hides_what_is_beside_the_body() {
     let without = document(&wall, &smooth);
     assert!(without["solved"] == false || (number(&without["center_px"][0]) - CENTER[0]).abs() > 2.0);
     let words = ["mask.png", "does not have the size of the image"];
+    image::ImageBuffer::<image::Luma<u8>, Vec<u8>>::new(SIZE[0], SIZE[1]).save(&mask).unwrap();
+    let nothing = ["mask.png", "leaves nothing of the photograph", "invert"];
+    assert_refused(&limb(&photo, &[&CAMERA[..], &["--mask", mask.to_str().unwrap()]].concat()), &nothing);
     std::fs::write(&mask, []).unwrap();
     image::ImageBuffer::<image::Luma<u8>, Vec<u8>>::new(10, 10).save(&mask).unwrap();
     assert_refused(&limb(&photo, &[&CAMERA[..], &["--mask", mask.to_str().unwrap()]].concat()), &words);

@@ -62,7 +62,7 @@ impl CameraImage {
 /// Reads a mask: a picture whose pixels count where they are not 0, but for those within 3 px of one that is.
 ///
 /// # Errors
-/// Not a picture, or one of another size.
+/// Not a picture, one of another size, or one that leaves nothing.
 pub fn read_mask(path: &Path, [width_px, height_px]: [u32; 2]) -> Result<Vec<bool>, InputError> {
     let mask = Photograph::read(path, PhotographOptions::default())?.image;
     same_size(path, &mask, &CameraImage::new(width_px, height_px, 1.0))?;
@@ -72,7 +72,14 @@ pub fn read_mask(path: &Path, [width_px, height_px]: [u32; 2]) -> Result<Vec<boo
         let columns = x.saturating_sub(MASK_MARGIN_PX)..(x + MASK_MARGIN_PX + 1).min(width);
         rows.into_iter().all(|row| mask.row(row)[columns.clone()].iter().all(|value| *value != 0.0))
     };
-    Ok((0..width * height).map(|at| counts(at % width, at / width)).collect())
+    let seen: Vec<bool> = (0..width * height).map(|at| counts(at % width, at / width)).collect();
+    if !seen.contains(&true) {
+        return Err(InputError::new(path, "leaves nothing of the photograph")
+            .found("a mask of zeros, but for single pixels")
+            .expected("a value other than 0 where the photograph counts")
+            .help("if black and white are the wrong way round, invert the mask"));
+    }
+    Ok(seen)
 }
 
 fn same_size(path: &Path, frame: &CameraImage, image: &CameraImage) -> Result<(), InputError> {

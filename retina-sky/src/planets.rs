@@ -87,9 +87,9 @@ impl Planet {
         }
     }
 
-    /// The planet of a name as [`Planet::name`] gives it.
+    /// The planet of a name as [`Planet::name`] gives it, in any case.
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|planet| planet.name() == name)
+        Self::ALL.into_iter().find(|planet| planet.name().eq_ignore_ascii_case(name))
     }
 
     /// Equatorial radius, metres (IAU: Archinal et al. 2018, tables 4 and 5); the rings are not in it.

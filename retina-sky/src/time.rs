@@ -20,7 +20,9 @@ const YEARS: std::ops::RangeInclusive<i64> = 0..=9999;
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum EpochError {
     /// The text is not of the ISO 8601 form.
-    #[error("`{found}` is not an epoch (expected such as 2027-08-02T10:06:00Z, ... UTC or ... TDB)")]
+    #[error(
+        "`{found}` is not an epoch (expected such as 2027-08-02T10:06:00Z, ... UTC, ...+02:00 or ... TDB)"
+    )]
     Syntax {
         /// The text found.
         found: String,
@@ -44,8 +46,8 @@ pub enum EpochError {
 /// An epoch in TDB seconds since J2000.
 ///
 /// Takes `YYYY-MM-DD`, then optionally `T` (or a space) and `hh:mm`, `hh:mm:ss` or
-/// `hh:mm:ss.fff`, then optionally `Z`, `UTC` or `TDB` (with or without a space before it).
-/// Without a suffix the scale is TDB. A second of 60 is taken where UTC has a leap second.
+/// `hh:mm:ss.fff`, then optionally `Z`, `UTC` or `TDB` (with or without a space before it), or after a
+/// time the clock's offset from UTC, `+hh:mm` or `-hh:mm`. Without a suffix the scale is TDB. A second of 60 is taken where UTC has a leap second.
 ///
 /// # Errors
 /// Another form, a date or time that does not exist, UTC before 1972.
@@ -54,7 +56,7 @@ pub fn parse_epoch(text: &str) -> Result<f64, EpochError> {
     let syntax = || EpochError::Syntax { found: found() };
     let no_such = |field| EpochError::Field { found: found(), field };
 
-    let (stamp, utc) = split_scale(text.trim());
+    let (stamp, scale) = split_scale(text.trim());
     let (date, clock) = match stamp.find(['T', ' ']) {
         Some(at) => (&stamp[..at], Some(&stamp[at + 1..])),
         None => (stamp, None),
@@ -77,15 +79,18 @@ pub fn parse_epoch(text: &str) -> Result<f64, EpochError> {
         return Err(no_such("minute"));
     }
     let days = days_since_j2000(year, month, day);
-    let leap_second = || hour == 23 && minute == 59 && tai_minus_utc_s(days + 1) > tai_minus_utc_s(days);
-    if second_s >= 60.0 && !(utc && second_s < 61.0 && leap_second()) {
+    let leap_second = || {
+        let is_last_minute = scale == (Scale::Utc { ahead_minutes: 0 }) && hour == 23 && minute == 59;
+        is_last_minute && tai_minus_utc_s(days + 1) > tai_minus_utc_s(days)
+    };
+    if second_s >= 60.0 && !(second_s < 61.0 && leap_second()) {
         return Err(no_such("second"));
     }
     // Noon is the origin; the whole part is exact, so that only the last sum rounds.
     let whole_s = (days as f64) * DAY_S + (hour * 3600 + minute * 60) as f64 - 0.5 * DAY_S;
-    if !utc {
-        return Ok(whole_s + second_s);
-    }
+    let Scale::Utc { ahead_minutes } = scale else { return Ok(whole_s + second_s) };
+    let whole_s = whole_s - (60 * ahead_minutes) as f64;
+    let days = ((whole_s + 0.5 * DAY_S) / DAY_S).floor() as i64;
     let tai_minus_utc_s = tai_minus_utc_s(days).ok_or_else(|| EpochError::BeforeUtc { found: found() })?;
     let tt_s = whole_s + (second_s + tai_minus_utc_s + TT_MINUS_TAI_S);
     // UT enters only the observer's diurnal term, which is nil at the geocentre.
@@ -114,13 +119,35 @@ pub fn format_epoch_tdb(tdb_s: f64) -> String {
 }
 
 /// The text without its scale, and whether the scale is UTC.
-fn split_scale(text: &str) -> (&str, bool) {
-    for (suffix, utc) in [("Z", true), ("UTC", true), ("TDB", false)] {
+fn split_scale(text: &str) -> (&str, Scale) {
+    let utc = Scale::Utc { ahead_minutes: 0 };
+    for (suffix, scale) in [("Z", utc), ("UTC", utc), ("TDB", Scale::Tdb)] {
         if let Some(stamp) = text.strip_suffix(suffix) {
-            return (stamp.trim_end(), utc);
+            return (stamp.trim_end(), scale);
         }
     }
-    (text, false)
+    offset(text).unwrap_or((text, Scale::Tdb))
+}
+
+/// What an epoch's clock shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Scale {
+    Tdb,
+    /// UTC and so many minutes.
+    Utc {
+        ahead_minutes: i64,
+    },
+}
+
+/// What stands before an offset from UTC, and that offset; `None` where there is none after a time of day.
+fn offset(text: &str) -> Option<(&str, Scale)> {
+    let at = text.rfind(['+', '-'])?;
+    let (stamp, offset) = text.split_at(at);
+    let [hours, minutes] = fields(&offset[1..], ':', [2, 2])?;
+    // ISO 8601 has no zone beyond 14 hours.
+    let is_offset = stamp.contains(':') && hours <= 14 && minutes <= 59;
+    let sign = if offset.starts_with('-') { -1 } else { 1 };
+    is_offset.then_some((stamp.trim_end(), Scale::Utc { ahead_minutes: sign * (60 * hours + minutes) }))
 }
 
 /// Hours, minutes and seconds of `hh:mm`, `hh:mm:ss` or `hh:mm:ss.fff`.
@@ -216,6 +243,14 @@ mod tests {
         let at = |text| parse_epoch(text).unwrap();
         let leap = at("2016-12-31T23:59:60Z");
         assert!((leap - at("2016-12-31T23:59:59Z") - 1.0).abs() < 1e-6);
+        for (local, utc) in [
+            ("2024-03-01T01:30:00+02:00", "2024-02-29T23:30:00Z"),
+            ("2023-12-31 20:15:10.5 -03:45", "2024-01-01T00:00:10.5Z"),
+            // The leap second's day has ended east of Greenwich, and has not west of it.
+            ("2017-01-01T00:30:00+01:00", "2016-12-31T23:30:00Z"),
+        ] {
+            assert!((at(local) - at(utc)).abs() < 1e-6, "{local}");
+        }
         assert!((at("2017-01-01T00:00:00Z") - leap - 1.0).abs() < 1e-6);
     }
 
@@ -226,13 +261,15 @@ mod tests {
             "now",
             "2026-8-12",
             "2026-08-12T17",
-            "2026-08-12T17:37:00+02:00",
             "2026-08-12T1:2:3",
             "2026-08-12T17:37.5",
             "2026-08-12T17:37:00.",
             "12026-08-12",
             "2026-08-12TT17:37",
             "é",
+            "2026-08-12+02:00",
+            "2026-08-12T17:37+2:00",
+            "2026-08-12T17:37+25:00",
         ] {
             assert!(matches!(parse_epoch(text), Err(EpochError::Syntax { .. })), "{text}");
         }

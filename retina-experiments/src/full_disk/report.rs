@@ -80,6 +80,8 @@ pub fn scenario_document(sequences: &[Sequence]) -> Value {
 fn three(values: [f64; 3]) -> String {
     let cell = |v: f64| match v.abs() {
         size if size.is_nan() => "-".to_owned(),
+        // Of asteroids metres count.
+        size if size < 0.1 => format!("{v:.4}"),
         size if size < 10.0 => format!("{v:.2}"),
         _ => format!("{v:.1}"),
     };

@@ -59,6 +59,9 @@ pub struct LimbAnswer {
     pub look: Option<LimbLook>,
 }
 
+/// The smallest asteroid that a spacecraft will visit soon, 1998 KY26, has a radius of 5.5 m (Santana-Ros et al. 2025).
+const SMALLEST_BODY_M: f64 = 5.0;
+
 impl LimbQuestion {
     /// Standard deviation of a focal length, share of it: of a lens with a nominal one.
     pub const FOCAL_SIGMA_SHARE: f64 = 0.005;
@@ -151,6 +154,12 @@ impl LimbQuestion {
                  frame, what was measured is the terminator; give --sun-deg"
                     .to_owned(),
             );
+        }
+        let radius_m = self.body.body.mean_radius_m();
+        if radius_m < SMALLEST_BODY_M {
+            out.push(format!(
+                "the body's mean radius is {radius_m:.3} m: if its mesh or semi-axes are in km, ranges come out in km, too"
+            ));
         }
         let off_sigma = self.expected.map_or(0.0, |seen| sight.off_sigma(&seen));
         if off_sigma.abs() > MOST_SIGMA {

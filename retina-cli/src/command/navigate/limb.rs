@@ -40,16 +40,22 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE", requires = "setup")]
     calibration: Option<PathBuf>,
     /// Focal length of the camera, mm.
-    #[arg(long, value_name = "F", requires = "pixel_um", conflicts_with = "fov_deg")]
+    #[arg(
+        long,
+        value_name = "F",
+        allow_negative_numbers = true,
+        requires = "pixel_um",
+        conflicts_with = "fov_deg"
+    )]
     focal_mm: Option<f64>,
     /// Size of a pixel, um.
-    #[arg(long, value_name = "P", requires = "focal_mm")]
+    #[arg(long, value_name = "P", allow_negative_numbers = true, requires = "focal_mm")]
     pixel_um: Option<f64>,
     /// Horizontal field of view, degrees.
-    #[arg(long, value_name = "DEG")]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     fov_deg: Option<f64>,
     /// Uncertainty of the focal length (1 sigma), per cent [default: 0.5; 4 for an EXIF focal length].
-    #[arg(long, value_name = "PERCENT")]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     focal_percent: Option<f64>,
     /// The body: `moon`, a planet, or a mesh (.glb, .gltf, .obj).
     ///
@@ -73,7 +79,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "H", allow_hyphen_values = true)]
     limb_height_m: Option<f64>,
     /// Uncertainty (1 sigma) of that height, and of the limb's first degree, m [default: the body's].
-    #[arg(long, value_name = "SIGMA")]
+    #[arg(long, value_name = "SIGMA", allow_negative_numbers = true)]
     limb_height_sigma_m: Option<f64>,
     /// Position angle of the Sun in the image, degrees: 0 is up, 90 is left [default: found from the lit shape].
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
