@@ -16,12 +16,12 @@ Exit code 1: a command failed, a page shows what did not come out, or a picture 
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import shutil
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -205,6 +205,23 @@ def same(made: Path, kept: Path) -> bool:
         return difference.rms[0] <= MOST_DIFFERENCE
 
 
+def checked(page: Path, work: Path, show: bool, write: bool) -> str:
+    """Runs a page and makes its pictures; what is wrong with them, or nothing."""
+    try:
+        for picture in run(page, work / page.stem, show):
+            made = make(picture, work / page.stem, work / "made")
+            kept = ROOT / "docs" / picture.name
+            if made.suffix == ".png" and made.stat().st_size > MOST_PNG_BYTES:
+                raise Wrong(f"{picture.name}: {made.stat().st_size} bytes, more than {MOST_PNG_BYTES}")
+            if write:
+                shutil.copyfile(made, kept)
+            elif not same(made, kept):
+                raise Wrong(f"{picture.name} is not what the commands make: look at it, then scripts/docs-site --write")
+    except Wrong as wrong:
+        return str(wrong)
+    return ""
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--work", type=Path, required=True, help="folder for what the commands write; made anew")
@@ -214,24 +231,14 @@ def main() -> int:
     arguments = parser.parse_args()
     work = arguments.work.resolve()
     shutil.rmtree(work, ignore_errors=True)
-    os.environ.pop("RETINA_LOG", None)
-    failed = False
-    for page in (page.resolve() for page in arguments.pages):
-        try:
-            pictures = run(page, work / page.stem, arguments.show)
-            for picture in pictures:
-                made = make(picture, work / page.stem, work / "made")
-                kept = ROOT / "docs" / picture.name
-                if made.suffix == ".png" and made.stat().st_size > MOST_PNG_BYTES:
-                    raise Wrong(f"{picture.name}: {made.stat().st_size} bytes, more than {MOST_PNG_BYTES}")
-                if arguments.write:
-                    shutil.copyfile(made, kept)
-                elif not same(made, kept):
-                    raise Wrong(f"{picture.name} is not what the commands make: look at it, then scripts/docs-site --write")
-        except Wrong as wrong:
-            print(f"docs-site: {page.name}: {wrong}", file=sys.stderr)
-            failed = True
-    return int(failed)
+    pages = [page.resolve() for page in arguments.pages]
+    # A command leaves a core idle now and then; a second page uses it.
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        wrong = list(pool.map(lambda page: checked(page, work, arguments.show, arguments.write), pages))
+    for page, text in zip(pages, wrong):
+        if text:
+            print(f"docs-site: {page.name}: {text}", file=sys.stderr)
+    return int(any(wrong))
 
 
 if __name__ == "__main__":
