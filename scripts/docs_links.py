@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Checks every link, anchor and picture of the documentation, and puts a book's sources together. Standard library only.
 
-    docs_links.py check                 README.md, ARCHITECTURE.md, VALIDATION.md and docs/*.md; SUMMARY.md names each page
+    docs_links.py check                 README.md, ARCHITECTURE.md, VALIDATION.md and docs/*.md; SUMMARY.md names each page,
+                                        and a reference has every key that the code reads
     docs_links.py stage DIR             docs/ and the pages of the root that it links to, as mdBook takes them
     docs_links.py built DIR             the book's pages: links, anchors, pictures, and nothing from another host
 
@@ -22,6 +23,20 @@ ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 # Pages beside docs/ that belong to the book.
 BESIDE = ["README.md", "ARCHITECTURE.md", "STYLE.md", "VALIDATION.md", "validation/README.md"]
+# References, and the sources whose keys they have to name; of a source with other structs, which one.
+KEYS = {
+    "setup.md": ["retina-geometry/src/setup.rs", "retina-geometry/src/bench_setup.rs", "retina-geometry/src/limits.rs"],
+    "scene.md": ["retina-scene/src/file.rs"],
+    "scenarios.md": [
+        "retina-experiments/src/far_range/scenario.rs",
+        "retina-experiments/src/full_disk/scenario.rs",
+        "retina-experiments/src/full_disk/filter.rs",
+        "retina-experiments/src/flashes/scenario.rs",
+        "retina-experiments/src/experiment.rs",
+        "retina-navigation/src/flashes/detect.rs FlashOptions",
+        "retina-navigation/src/synthetic/points.rs",
+    ],
+}
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^()\s]+)\)")
 
 
@@ -60,6 +75,37 @@ def pages() -> list[Path]:
     return [ROOT / name for name in BESIDE] + sorted(DOCS.glob("*.md"))
 
 
+def keys(source: str) -> set[str]:
+    """The fields of a Rust file's structs that are read from files: of all, or of the one that is named."""
+    file, _, only = source.partition(" ")
+    text = (ROOT / file).read_text(encoding="utf-8")
+    found = set()
+    struct = re.compile(
+        r"#\[derive\(([^)]*)\)\]\s*(?:#\[[^\n]*\]\s*)*(?:pub(?:\(crate\))? )?struct (\w+) \{(.*?)\n\}", re.DOTALL
+    )
+    for derived, name, body in struct.findall(text):
+        if "Deserialize" in derived and only in ("", name):
+            skipped = set(re.findall(r"#\[serde\(skip\)\]\s*(?:pub(?:\(crate\))? )?(\w+):", body))
+            found |= set(re.findall(r"^\s+(?:pub(?:\(crate\))? )?([a-z]\w*):", body, re.MULTILINE)) - skipped
+    return found
+
+
+def unnamed_keys() -> list[str]:
+    """Keys that the code reads and a reference does not name."""
+    wrong = []
+    for page, sources in KEYS.items():
+        code = " ".join(re.findall(r"`([^`]*)`", (DOCS / page).read_text(encoding="utf-8")))
+        tables = " ".join(re.findall(r"`\[+([^\]`]*)\]", (DOCS / page).read_text(encoding="utf-8")))
+        words = set(re.findall(r"\w+", f"{code} {tables}"))
+        read: set[str] = set()
+        for source in sources:
+            read |= keys(source)
+        if len(read) < 10:
+            wrong.append(f"docs/{page}: only {len(read)} keys were found in {', '.join(sources)}")
+        wrong += [f"docs/{page}: the key `{key}` is missing" for key in sorted(read - words)]
+    return wrong
+
+
 def check() -> list[str]:
     """What leads nowhere in the sources."""
     wrong, texts = [], {page: page.read_text(encoding="utf-8") for page in pages()}
@@ -82,6 +128,7 @@ def check() -> list[str]:
     summary = texts.get(DOCS / "SUMMARY.md", "")
     listed = {link for _, _, link in LINK.findall(summary)}
     wrong += [f"docs/SUMMARY.md: {page.name} is missing" for page in sorted(DOCS.glob("*.md")) if page.name not in listed | {"SUMMARY.md"}]
+    wrong += unnamed_keys()
     shown = "".join(texts.values())
     wrong += [f"docs/figures/{figure.name}: no page shows it" for figure in sorted((DOCS / "figures").iterdir()) if f"figures/{figure.name}" not in shown]
     return wrong
