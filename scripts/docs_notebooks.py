@@ -32,7 +32,7 @@ def main() -> int:
     failed = False
     for path in arguments.notebooks:
         begin = time.monotonic()
-        notebook = nbformat.read(path, as_version=4)
+        notebook = nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]
         nbformat.validate(notebook)
         if any(cell.get("outputs") or cell.get("execution_count") for cell in notebook.cells):
             print(f"docs-site: {path.name}: keeps outputs; clear them before you commit it", file=sys.stderr)
@@ -48,7 +48,7 @@ def main() -> int:
         except CellExecutionError as error:
             print(f"docs-site: {path.name}: {error}", file=sys.stderr)
             failed = True
-        nbformat.write(notebook, arguments.work / path.name)
+        nbformat.write(notebook, arguments.work / path.name)  # type: ignore[no-untyped-call]
         print(f"docs/notebooks/{path.name}: {len(notebook.cells)} cells, {time.monotonic() - begin:.0f} s", flush=True)
     return int(failed)
 

@@ -8,7 +8,7 @@ In a page
                 numbers may differ by a tenth, or by two in their last digit
     <!-- picture: figures/NAME from SOURCE [crop=X,Y,W,H] [width=W] [white=DN] [svg=N] -->
                 makes docs/figures/NAME of a file that the commands wrote. svg=N takes the Nth drawing of a report page,
-                white=DN shows that digital number of a camera's image as white (default: its brightest)
+                white=N shows that count, or digital number of a camera (default: the brightest), as white
 
 Exit code 1: a command failed, a page shows what did not come out, or a picture is not what the commands make.
 """
@@ -162,11 +162,14 @@ def make_png(picture: Picture, source: Path, target: Path) -> None:
     """Cuts and resizes an image; the digital numbers of a camera (16 bits) become grey levels."""
     from PIL import Image
 
-    image = Image.open(source)
+    image: Image.Image = Image.open(source)
     if image.mode.startswith("I"):
         image = image.convert("I")
-        white = float(picture.options.get("white") or image.getextrema()[1])
+        white = float(picture.options.get("white") or str(image.getextrema()[1]))
         image = image.point(lambda value: value * (255.0 / white)).convert("L")
+    elif "white" in picture.options:
+        dimmer = 255.0 / float(picture.options["white"])
+        image = image.convert("L").point(lambda value: min(255, round(value * dimmer)))
     image = image.convert("L" if image.mode == "L" or is_grey(image) else "RGB")
     if crop := picture.options.get("crop"):
         x, y, width, height = map(int, crop.split(","))
