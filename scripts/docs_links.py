@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""Checks every link, anchor and picture of the documentation, and puts a book's sources together. Standard library only.
+"""Checks every link, anchor and picture of the documentation, and puts a book's sources together.
 
-    docs_links.py check                 README.md, ARCHITECTURE.md, VALIDATION.md and docs/*.md; SUMMARY.md names each page,
-                                        and a reference has every key that the code reads
-    docs_links.py stage DIR             docs/ and the pages of the root that it links to, as mdBook takes them
-    docs_links.py built DIR             the book's pages: links, anchors, pictures, and nothing from another host
+Standard library only.
+
+    docs_links.py check        the pages of the root and docs/*.md; SUMMARY.md names each page, and a reference has
+                               every key that the code reads
+    docs_links.py stage DIR    docs/ and the pages of the root that it links to, as mdBook takes them
+    docs_links.py built DIR    the book's pages: links, anchors, pictures, and nothing from another host
 
 Exit code 1: something leads nowhere.
 """
@@ -127,10 +129,12 @@ def check() -> list[str]:
                     wrong.append(f"{place}: has no such heading")
     summary = texts.get(DOCS / "SUMMARY.md", "")
     listed = {link for _, _, link in LINK.findall(summary)}
-    wrong += [f"docs/SUMMARY.md: {page.name} is missing" for page in sorted(DOCS.glob("*.md")) if page.name not in listed | {"SUMMARY.md"}]
+    unlisted = {page.name for page in DOCS.glob("*.md")} - listed - {"SUMMARY.md"}
+    wrong += [f"docs/SUMMARY.md: {name} is missing" for name in sorted(unlisted)]
     wrong += unnamed_keys()
     shown = "".join(texts.values())
-    wrong += [f"docs/figures/{figure.name}: no page shows it" for figure in sorted((DOCS / "figures").iterdir()) if f"figures/{figure.name}" not in shown]
+    figures = sorted(figure.name for figure in (DOCS / "figures").iterdir())
+    wrong += [f"docs/figures/{name}: no page shows it" for name in figures if f"figures/{name}" not in shown]
     return wrong
 
 
@@ -213,11 +217,16 @@ def built(folder: Path) -> list[str]:
 
 
 def main() -> int:
-    commands = {"check": lambda: check(), "stage": lambda: stage(Path(sys.argv[2])), "built": lambda: built(Path(sys.argv[2]))}
-    if len(sys.argv) < 2 or sys.argv[1] not in commands:
-        print(__doc__, file=sys.stderr)
-        return 2
-    wrong = commands[sys.argv[1]]()
+    match sys.argv[1:]:
+        case ["check"]:
+            wrong = check()
+        case ["stage", folder]:
+            wrong = stage(Path(folder))
+        case ["built", folder]:
+            wrong = built(Path(folder))
+        case _:
+            print(__doc__, file=sys.stderr)
+            return 2
     for line in wrong:
         print(f"docs-site: {line}", file=sys.stderr)
     return int(bool(wrong))

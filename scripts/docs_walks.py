@@ -109,7 +109,8 @@ def compare(block: Block, printed: str) -> None:
             continue
         at = next((number for number, found in enumerate(rest) if agrees(line, found)), None)
         if at is None:
-            raise Wrong(f"this line of the page did not come out:\n  {line}\nwhat came out from there on:\n" + "\n".join(rest))
+            came = "\n".join(rest)
+            raise Wrong(f"this line of the page did not come out:\n  {line}\nwhat came out from there on:\n{came}")
         rest = rest[at + 1 :]
 
 
