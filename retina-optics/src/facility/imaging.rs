@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::Chebyshev2;
-use super::zernike::{self, Polynomial, SlopeFit, WAVEFRONT_TERMS};
+use super::zernike::{self, Polynomial, SIDE, SlopeFit, WAVEFRONT_TERMS, horner};
 use crate::pupil::gaussian;
 use crate::{Clipping, Launcher, OpticalSystem, OpticsError, RayBatch, Tracer};
 
@@ -202,6 +202,9 @@ impl Joiner<'_> {
     }
 }
 
+/// Radius of the rays along the pupil's rim: rounding must not decide whether the pupil's own aperture cuts them.
+const RIM: f64 = 1.0 - 1e-9;
+
 /// Chebyshev points of the first kind in `[low, high]`; one point is the middle.
 fn nodes_in([low, high]: [f64; 2], count: usize) -> Vec<f64> {
     (0..count)
@@ -369,11 +372,16 @@ impl Imaging {
         let launcher = Launcher::new(&self.system)?;
         let tracer = Tracer::new(&self.system, wavelength_nm, Clipping::On)?;
         let slopes = Polynomial::of_terms(&wavefront.coefficients_mm).gradient();
-        let direction = |at| [0, 1].map(|k| slopes[k].at(at) / wavefront.pupil_radius_mm);
         let arrive = |points: &[[f64; 2]]| -> Result<Vec<bool>, OpticsError> {
             let mut rays = RayBatch::with_capacity(points.len());
-            for &at in points {
-                rays.push(&launcher.ray(tangents(direction(at)), at)?);
+            // Points of one row follow one another, and share what depends on y alone.
+            let mut row = (f64::NAN, [[0.0; SIDE]; 2]);
+            for &[x, y] in points {
+                if y != row.0 {
+                    row = (y, [0, 1].map(|k| slopes[k].on_row(y)));
+                }
+                let direction = row.1.map(|line| horner(&line, x) / wavefront.pupil_radius_mm);
+                rays.push(&launcher.ray(tangents(direction), [x, y])?);
             }
             tracer.trace_batch(&mut rays);
             Ok((0..points.len()).map(|i| rays.arrived(i)).collect())
@@ -382,7 +390,7 @@ impl Imaging {
         let scouts: Vec<[f64; 2]> = (0..48)
             .map(|k| {
                 let angle = std::f64::consts::TAU * f64::from(k) / 48.0;
-                [angle.cos(), angle.sin()]
+                [RIM * angle.cos(), RIM * angle.sin()]
             })
             .chain(super::sunflower(60).into_iter().map(|point| point.at))
             .collect();
@@ -391,7 +399,7 @@ impl Imaging {
         }
         let at = |i: usize| 2.0 * (i as f64 + 0.5) / side as f64 - 1.0;
         let inside = |[x, y]: [f64; 2]| {
-            let shrink = (1.0 / x.hypot(y)).min(1.0);
+            let shrink = (RIM / (x * x + y * y).sqrt()).min(1.0);
             [x * shrink, y * shrink]
         };
         let grid: Vec<[f64; 2]> = (0..side * side).map(|i| inside([at(i % side), at(i / side)])).collect();

@@ -13,7 +13,7 @@ use std::f64::consts::TAU;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex32;
 
-use super::zernike::{Polynomial, WAVEFRONT_TERMS};
+use super::zernike::{Polynomial, WAVEFRONT_TERMS, horner};
 use super::{Imaging, Wavefront};
 use crate::OpticsError;
 use crate::analysis::disc_coverage;
@@ -163,7 +163,7 @@ fn add_line(
                 continue;
             }
             covered += coverage;
-            let waves = line.iter().rev().fold(0.0, |sum, c| sum * u + c);
+            let waves = horner(&line, u);
             let (sin, cos) = (TAU * (waves - waves.round())).sin_cos();
             amplitude[row * period + column] =
                 Complex32::new((coverage * cos) as f32, (coverage * sin) as f32);
@@ -290,9 +290,22 @@ fn boxed(from: &[f32], to: &mut [f32], width: f64) {
         let (a, b) = (f64::from(from[i]), f64::from(from[i + 1]));
         integral[i] + share * (a + 0.5 * share * (b - a))
     };
+    // Both ends of all boxes stand at the same place between two samples.
+    let half = width / 2.0;
+    let (after, before) = (half.floor() as usize, half.ceil() as usize);
+    let (share, other) = (half - after as f64, before as f64 - half);
+    let between = |i: usize, share: f64| {
+        let (a, b) = (f64::from(from[i]), f64::from(from[i + 1]));
+        integral[i] + share * (a + 0.5 * share * (b - a))
+    };
+    let inner = before..(count - 1).saturating_sub(after).max(before);
     for (i, to) in to.iter_mut().enumerate() {
-        let x = i as f64;
-        *to = ((up_to(x + width / 2.0) - up_to(x - width / 2.0)) / width) as f32;
+        let light = if inner.contains(&i) {
+            between(i + after, share) - between(i - before, other)
+        } else {
+            up_to(i as f64 + half) - up_to(i as f64 - half)
+        };
+        *to = (light / width) as f32;
     }
 }
 

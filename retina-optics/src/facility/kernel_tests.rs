@@ -158,3 +158,14 @@ fn apertures_cut_the_image() {
     let on_grid: f64 = kernel.values.iter().map(|v| f64::from(*v)).sum::<f64>() / 16.0;
     assert!((on_grid + kernel.beyond - share).abs() < 0.01, "{on_grid} {share}");
 }
+
+/// The pupil's own aperture cuts none of the rays that pass through its rim, whatever rounding makes of them: a facility
+/// that overfills the camera loses nothing.
+#[test]
+fn the_pupils_rim_cuts_nothing_of_an_overfilled_camera() {
+    let imaging = Imaging::new(&reference_wide(), ImagingOptions::new([8.0, 5.0])).unwrap();
+    for (nm, y) in [(450.0, 0.0), (475.0, 1.0), (544.0, 2.0), (605.0, -1.5), (640.0, 0.5)] {
+        let wavefront = imaging.wavefront([0.3 * y, y], nm, 0.0);
+        assert!(imaging.pupil_mask(&wavefront, nm, 96).unwrap().is_none(), "{nm} nm");
+    }
+}

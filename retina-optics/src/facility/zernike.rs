@@ -75,7 +75,7 @@ pub(super) fn terms(at: [f64; 2]) -> [[f64; 3]; WAVEFRONT_TERMS] {
 }
 
 /// Number of coefficients of a [`Polynomial`].
-const SIDE: usize = DEGREE + 1;
+pub(super) const SIDE: usize = DEGREE + 1;
 
 /// A polynomial in (x, y) of total degree at most [`DEGREE`]: the coefficient of x^i y^j at i + SIDE j.
 #[derive(Debug, Clone, PartialEq)]
@@ -192,11 +192,6 @@ impl Polynomial {
         [dx, dy]
     }
 
-    /// Its value.
-    pub(super) fn at(&self, [x, y]: [f64; 2]) -> f64 {
-        self.on_row(y).iter().rev().fold(0.0, |sum, c| sum * x + c)
-    }
-
     /// The polynomial in x that it is on the line of this y: coefficients by rising power.
     pub(super) fn on_row(&self, y: f64) -> [f64; SIDE] {
         let mut row = [0.0; SIDE];
@@ -207,6 +202,11 @@ impl Polynomial {
         }
         row
     }
+}
+
+/// The polynomial with these coefficients, by rising power, at x.
+pub(super) fn horner(coefficients: &[f64; SIDE], x: f64) -> f64 {
+    coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }
 
 fn factorial(n: usize) -> f64 {
@@ -325,16 +325,17 @@ mod tests {
         let sum = Polynomial::of_terms(&wanted);
         let map = [[0.97, 0.02], [0.03, 0.95]];
         let turned = sum.transformed(map);
+        let value = |polynomial: &Polynomial, [x, y]: [f64; 2]| horner(&polynomial.on_row(y), x);
         for at in [[0.3, -0.7], [-0.5, 0.1], [0.0, 0.0]] {
             let expected: f64 = terms(at).iter().zip(wanted).map(|(t, c)| t[0] * c).sum();
-            assert!((sum.at(at) - expected).abs() < 1e-11, "{at:?}");
+            assert!((value(&sum, at) - expected).abs() < 1e-11, "{at:?}");
             for (k, slope) in sum.gradient().iter().enumerate() {
                 let expected: f64 = terms(at).iter().zip(wanted).map(|(t, c)| t[1 + k] * c).sum();
-                assert!((slope.at(at) - expected).abs() < 1e-10, "{at:?}");
+                assert!((value(slope, at) - expected).abs() < 1e-10, "{at:?}");
             }
             let to = [map[0][0] * at[0] + map[0][1] * at[1], map[1][0] * at[0] + map[1][1] * at[1]];
             let expected: f64 = terms(to).iter().zip(wanted).map(|(t, c)| t[0] * c).sum();
-            assert!((turned.at(at) - expected).abs() < 1e-11, "{at:?}");
+            assert!((value(&turned, at) - expected).abs() < 1e-11, "{at:?}");
         }
     }
 
