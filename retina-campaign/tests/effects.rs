@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may fail")]
 
 use std::path::Path;
+use std::sync::LazyLock;
 
 use retina_bench::{Exposure, OpticsDetail, ScreenImage};
 use retina_campaign::{
@@ -62,16 +63,18 @@ fn photograph(effects: &[Effect]) -> Vec<u16> {
         screen.set(1300 + at % 64, 400 + at / 64, [255; 3]);
     }
     let pose = facility.dynamics.pose(bench.camera().pinhole.fx_px, 0.0, 3600.0, 24.0, 1, 0);
-    let exposure =
-        Exposure { exposure_s: 0.5 * bench_exposure_s(&setup), temperature_c: 24.0, pose, frame: 0 };
+    let exposure = Exposure { exposure_s: 0.5 * bench_exposure_s(), temperature_c: 24.0, pose, frame: 0 };
     bench.expose(&screen, &exposure).unwrap().dn
 }
 
 /// The square's pixels are well exposed, without an effect that changes the sensor.
-fn bench_exposure_s(setup: &Setup) -> f64 {
-    let facility = Facility::new(setup, &[], TableKind::Frames, 3600.0, 1).unwrap();
-    let bench = facility.bench(OpticsDetail { nodes: [3, 3], lines: 3, half_px: 12 }).unwrap();
-    bench.sensor().full_well_e() / (6.0 * bench.sharpest_peak_e_s())
+fn bench_exposure_s() -> f64 {
+    static EXPOSURE_S: LazyLock<f64> = LazyLock::new(|| {
+        let facility = Facility::new(&setup(), &[], TableKind::Frames, 3600.0, 1).unwrap();
+        let bench = facility.bench(OpticsDetail { nodes: [3, 3], lines: 3, half_px: 12 }).unwrap();
+        bench.sensor().full_well_e() / (6.0 * bench.sharpest_peak_e_s())
+    });
+    *EXPOSURE_S
 }
 
 #[test]

@@ -138,9 +138,9 @@ fn check(label: &str, draws: Vec<Result<Draw, Refusal>>, most_refused: usize) {
     );
     // A size of 1e-3 is 0.08 px of some 80.
     assert!(across_px.sqrt() < 0.03 && bias.abs() < 5e-4, "{label}");
-    // 99 % bound of the mean of 40 chi squares of three degrees of freedom. It is far below, since an allowance for
+    // 99 % bound of the mean of 24 chi squares of three degrees of freedom. It is far below, since an allowance for
     // texture and shadows is in the covariance, which these bodies have not.
-    assert!(nees < 4.0, "{label}: NEES {nees}");
+    assert!(nees < 4.2, "{label}: NEES {nees}");
 }
 
 #[test]
@@ -149,9 +149,9 @@ fn a_body_that_is_not_convex_is_found_by_its_silhouette() {
     let all = |seeds: std::ops::Range<u64>, phase_rad, known| {
         seeds.into_par_iter().map(|seed| draw(seed, &own, phase_rad, known)).collect::<Vec<_>>()
     };
-    check("full", all(0..40, [0.0, 0.02], false), 0);
-    check("phases of 30 to 90 deg", all(100..140, [0.5, 1.57], true), 2);
-    check("the Sun unknown", all(200..240, [0.5, 1.57], false), 4);
+    check("full", all(0..24, [0.0, 0.02], false), 0);
+    check("phases of 30 to 90 deg", all(100..124, [0.5, 1.57], true), 1);
+    check("the Sun unknown", all(200..224, [0.5, 1.57], false), 2);
 }
 
 /// The same images with a mesh that is larger by 1 %: farther by as much, so that the test above would fail.
