@@ -7,7 +7,7 @@ use retina_files::{InputError, write_atomic};
 use retina_formats::TableKind;
 
 use crate::catalogue::Effect;
-use crate::compare::{Comparison, PERCENTILES};
+use crate::compare::{Comparison, Dependence, PERCENTILES};
 use crate::data::Dataset;
 use crate::decode::Decoded;
 use crate::diagnose::Diagnosis;
@@ -166,7 +166,16 @@ pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
     let cells: Vec<String> =
         PERCENTILES.iter().zip(result.percentiles).map(|(p, v)| format!("{p} %: {v:.3}")).collect();
     out.push(format!("errors within ({unit}, unweighted)  {}", cells.join("  ")));
-    let seen: Vec<_> = result.dependence.iter().filter(|d| d.p_value <= 0.02 && d.share >= 5e-4).collect();
+    let significant = |d: &&Dependence| d.p_value <= 0.02 && d.share >= 5e-4;
+    // Columns that are added to others without explaining more say nothing.
+    let is_idle = |d: &Dependence| {
+        result.dependence.iter().filter(significant).any(|other| {
+            other.covariates.len() < d.covariates.len()
+                && other.covariates.iter().all(|name| d.covariates.contains(name))
+                && other.share >= d.share
+        })
+    };
+    let seen: Vec<_> = result.dependence.iter().filter(significant).filter(|d| !is_idle(d)).collect();
     if seen.is_empty() {
         out.push("no screen finds a column that the errors depend on".to_owned());
     }

@@ -2,6 +2,7 @@
 //!
 //! - [`Screen`]: shows a frame and knows that it is there: an X11 window, a folder, a command, or the virtual bench.
 //! - [`LabCamera`]: takes an image when it is told to: GenICam cameras by Aravis, a folder, a command, the virtual bench.
+//! - [`present`]: shows a [`Sequence`] to whoever looks.
 //! - [`capture`]: shows a [`Sequence`] and photographs it, resumable; [`calibrate_geometry`]: pattern, images, fit and
 //!   check in one piece.
 //! - [`Aligner`]: the bench's misalignment as a number for each [`Screw`], round by round.
@@ -21,6 +22,7 @@ mod latency;
 mod measure;
 mod monitor;
 mod power;
+mod present;
 mod rig;
 mod run_command;
 mod screws;
@@ -44,6 +46,7 @@ pub use latency::{Latency, LatencyOptions, LatencyTrial, Quantiles, measure_late
 pub use measure::{Condition, measure_round};
 pub use monitor::{Monitor, MonitorOptions, MonitorReading, monitor_figure};
 pub use power::{CommandMeter, PowerLevel, PowerMeter, PowerReadingOptions, read_power};
+pub use present::{PresentOptions, Presented, present};
 pub use rig::Rig;
 pub use screws::{Screw, Turns};
 pub use sequence::{Planned, Sequence, SequenceFrame, SequenceKind};

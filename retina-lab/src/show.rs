@@ -172,7 +172,7 @@ fn check_size(image: &ScreenImage, size_px: [u32; 2]) -> Result<(), LabError> {
 }
 
 /// A frame as a PNG file of 8 bits: grey where its channels are equal.
-fn png(image: &ScreenImage) -> Result<Vec<u8>, LabError> {
+pub(crate) fn png(image: &ScreenImage) -> Result<Vec<u8>, LabError> {
     let grey = image.counts.iter().all(|[r, g, b]| r == g && g == b);
     let (samples, color): (Vec<u8>, _) = if grey {
         (image.counts.iter().map(|counts| counts[0]).collect(), image::ExtendedColorType::L8)

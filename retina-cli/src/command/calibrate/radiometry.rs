@@ -42,10 +42,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     for (path, extension) in [(&arguments.out, "toml"), (&arguments.report, "html")] {
         path.as_ref().map_or(Ok(()), |path| crate::check_file(path, extension))?;
     }
-    if let Some(folder) = arguments.figures.as_ref().filter(|folder| !folder.is_dir()) {
-        return Err(InputError::new(folder, "is not a folder")
-            .help("create the folder, or give --figures another one")
-            .into());
+    if let Some(folder) = arguments.figures.as_ref().filter(|folder| folder.exists() && !folder.is_dir()) {
+        return Err(InputError::new(folder, "is not a folder").help("give --figures another one").into());
     }
     let inputs = arguments.data.iter().chain([&arguments.setup]).chain(&arguments.for_setup);
     crate::check_apart(inputs, [arguments.out.as_ref(), arguments.report.as_ref()], None)?;
@@ -98,6 +96,8 @@ pub(crate) fn fit(
     }
     if let Some(folder) = outputs.figures {
         let [response, magnitude] = figures(&calibrated);
+        std::fs::create_dir_all(folder)
+            .map_err(|error| InputError::new(folder, format!("cannot be made: {error}")))?;
         write(&folder.join("response.svg"), &response)?;
         write(&folder.join("magnitude.svg"), &magnitude)?;
     }

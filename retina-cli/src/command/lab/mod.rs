@@ -11,6 +11,7 @@ mod latency;
 mod measure;
 mod monitor;
 mod radiometry;
+mod show;
 
 use std::io::BufRead as _;
 use std::path::{Path, PathBuf};
@@ -40,6 +41,10 @@ pub(crate) enum Command {
     ///
     /// Dark, flat field, dead pixels, response, refresh, focus, centring, times. Exit code 1 where something is bad.
     Check(check::Arguments),
+    /// Shows a sequence on a screen, without a camera.
+    ///
+    /// The screen is dark at the end. Frames are exact: a window reads each one back.
+    Show(show::Arguments),
     /// Shows a sequence and photographs it.
     ///
     /// The sequence is a pattern (`retina pattern`), a round of `retina decide`, frames (`retina render`), or a folder
@@ -81,6 +86,7 @@ pub(crate) fn run(command: &Command) -> Result<(), Failure> {
     match command {
         Command::Devices(arguments) => devices::run(arguments),
         Command::Check(arguments) => check::run(arguments),
+        Command::Show(arguments) => show::run(arguments),
         Command::Capture(arguments) => capture::run(arguments),
         Command::Calibrate(command) => calibrate::run(command),
         Command::Align(arguments) => align::run(arguments),
