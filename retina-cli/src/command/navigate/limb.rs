@@ -84,7 +84,7 @@ pub(crate) struct Arguments {
     /// Position angle of the Sun in the image, degrees: 0 is up, 90 is left [default: found from the lit shape].
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     sun_deg: Option<f64>,
-    /// Epoch of the photograph, ISO 8601; without `Z` or `UTC` at its end it is TDB.
+    /// Epoch of the photograph, ISO 8601; without `Z`, `UTC` or an offset such as `+02:00` at its end it is TDB.
     #[arg(long, value_name = "EPOCH")]
     time: Option<String>,
     /// Place on the Earth (WGS 84): latitude and east longitude in degrees, height in m.
