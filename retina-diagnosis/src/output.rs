@@ -151,6 +151,19 @@ fn noise_text(noise: &Noise, unit: &str) -> String {
     format!("{} (from {})", kinds.join(", "), noise.source.join(", "))
 }
 
+/// Screens that are significant, but for those whose columns are others' and some more, and explain no more than they.
+fn worth_telling(screens: &[Dependence]) -> Vec<&Dependence> {
+    let significant = |d: &&Dependence| d.p_value <= 0.02 && d.share >= 5e-4;
+    let is_idle = |d: &Dependence| {
+        screens.iter().filter(significant).any(|other| {
+            other.covariates.len() < d.covariates.len()
+                && other.covariates.iter().all(|name| d.covariates.contains(name))
+                && other.share >= d.share
+        })
+    };
+    screens.iter().filter(significant).filter(|d| !is_idle(d)).collect()
+}
+
 /// The comparison as text.
 pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
     let unit = data.kind.unit();
@@ -166,16 +179,7 @@ pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
     let cells: Vec<String> =
         PERCENTILES.iter().zip(result.percentiles).map(|(p, v)| format!("{p} %: {v:.3}")).collect();
     out.push(format!("errors within ({unit}, unweighted)  {}", cells.join("  ")));
-    let significant = |d: &&Dependence| d.p_value <= 0.02 && d.share >= 5e-4;
-    // Columns that are added to others without explaining more say nothing.
-    let is_idle = |d: &Dependence| {
-        result.dependence.iter().filter(significant).any(|other| {
-            other.covariates.len() < d.covariates.len()
-                && other.covariates.iter().all(|name| d.covariates.contains(name))
-                && other.share >= d.share
-        })
-    };
-    let seen: Vec<_> = result.dependence.iter().filter(significant).filter(|d| !is_idle(d)).collect();
+    let seen = worth_telling(&result.dependence);
     if seen.is_empty() {
         out.push("no screen finds a column that the errors depend on".to_owned());
     }
@@ -340,6 +344,23 @@ pub fn predictions_text(path: &Path, data: &Dataset, fit: &Fit) -> Result<String
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn columns_that_add_nothing_are_left_out() {
+        let screen = |columns: &str, p_value, share| Dependence {
+            covariates: columns.split(' ').map(str::to_owned).collect(),
+            p_value,
+            share,
+        };
+        let screens = [
+            screen("exposure_s x y", 0.001, 0.782),
+            screen("x y", 0.001, 0.790),
+            screen("time_s x y", 0.001, 0.85),
+            screen("x", 0.5, 0.8),
+        ];
+        let told: Vec<String> = worth_telling(&screens).iter().map(|d| d.covariates.join(" ")).collect();
+        assert_eq!(told, ["x y", "time_s x y"]);
+    }
 
     #[test]
     fn what_was_chosen_from_a_list_is_shown_with_its_value() {

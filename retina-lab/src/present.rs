@@ -40,16 +40,19 @@ pub fn present(
     stop: &dyn Fn() -> bool,
     mut progress: impl FnMut(usize),
 ) -> Result<Presented, LabError> {
+    let wait_until = |due: Instant| {
+        while Instant::now() < due && !stop() {
+            let left_s = due.saturating_duration_since(Instant::now()).as_secs_f64();
+            std::thread::sleep(Duration::from_secs_f64(left_s.min(LISTEN_S)));
+        }
+    };
     let mut done = Presented { frames: 0, late: 0, stopped: false };
     let mut due = Instant::now();
     let mut round = 0;
     while options.times.is_none_or(|times| round < times) && !sequence.frames.is_empty() {
         for frame in &sequence.frames {
             let image = frame.image()?;
-            while Instant::now() < due && !stop() {
-                let left_s = due.saturating_duration_since(Instant::now()).as_secs_f64();
-                std::thread::sleep(Duration::from_secs_f64(left_s.min(LISTEN_S)));
-            }
+            wait_until(due);
             if stop() {
                 return Ok(Presented { stopped: true, ..done });
             }
@@ -64,10 +67,8 @@ pub fn present(
         round += 1;
     }
     // The last one stays as long as the others.
-    while Instant::now() < due && !stop() {
-        std::thread::sleep(Duration::from_secs_f64(LISTEN_S.min(options.each_s)));
-    }
-    Ok(done)
+    wait_until(due);
+    Ok(Presented { stopped: stop(), ..done })
 }
 
 #[cfg(test)]

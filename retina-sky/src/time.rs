@@ -46,8 +46,9 @@ pub enum EpochError {
 /// An epoch in TDB seconds since J2000.
 ///
 /// Takes `YYYY-MM-DD`, then optionally `T` (or a space) and `hh:mm`, `hh:mm:ss` or
-/// `hh:mm:ss.fff`, then optionally `Z`, `UTC` or `TDB` (with or without a space before it), or after a
-/// time the clock's offset from UTC, `+hh:mm` or `-hh:mm`. Without a suffix the scale is TDB. A second of 60 is taken where UTC has a leap second.
+/// `hh:mm:ss.fff`, then optionally `Z`, `UTC` or `TDB` (with or without a space before it). After a time
+/// of day, `+hh:mm` or `-hh:mm` is the clock's offset from UTC. Without a suffix the scale is TDB. A second
+/// of 60 is taken where UTC has a leap second.
 ///
 /// # Errors
 /// Another form, a date or time that does not exist, UTC before 1972.
@@ -118,7 +119,7 @@ pub fn format_epoch_tdb(tdb_s: f64) -> String {
     format!("{tdb_s} s TDB since J2000")
 }
 
-/// The text without its scale, and whether the scale is UTC.
+/// The text without its scale, and the scale.
 fn split_scale(text: &str) -> (&str, Scale) {
     let utc = Scale::Utc { ahead_minutes: 0 };
     for (suffix, scale) in [("Z", utc), ("UTC", utc), ("TDB", Scale::Tdb)] {

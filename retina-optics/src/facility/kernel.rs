@@ -283,21 +283,19 @@ fn boxed(from: &[f32], to: &mut [f32], width: f64) {
         }
         integral.push(sum);
     }
+    let between = |i: usize, share: f64| {
+        let (a, b) = (f64::from(from[i]), f64::from(from[i + 1]));
+        integral[i] + share * (a + 0.5 * share * (b - a))
+    };
     let up_to = |x: f64| {
         let x = x.clamp(0.0, (count - 1) as f64);
         let i = (x as usize).min(count - 2);
-        let share = x - i as f64;
-        let (a, b) = (f64::from(from[i]), f64::from(from[i + 1]));
-        integral[i] + share * (a + 0.5 * share * (b - a))
+        between(i, x - i as f64)
     };
     // Both ends of all boxes stand at the same place between two samples.
     let half = width / 2.0;
     let (after, before) = (half.floor() as usize, half.ceil() as usize);
     let (share, other) = (half - after as f64, before as f64 - half);
-    let between = |i: usize, share: f64| {
-        let (a, b) = (f64::from(from[i]), f64::from(from[i + 1]));
-        integral[i] + share * (a + 0.5 * share * (b - a))
-    };
     let inner = before..(count - 1).saturating_sub(after).max(before);
     for (i, to) in to.iter_mut().enumerate() {
         let light = if inner.contains(&i) {

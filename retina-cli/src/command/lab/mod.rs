@@ -229,14 +229,19 @@ impl DeviceArguments {
         // The camera first: no frame is shown that nobody could see.
         let camera = open_camera(&camera, setup.camera.bits, bench)?;
         let screen = open_screen(&screen, &setup, &shared)?;
-        for remark in screen.remarks() {
-            tell!("warning: screen {}: {remark}", self.screen);
-        }
-        if !screen.verifies() {
-            tell!("screen {}: frames cannot be read back; they are taken as shown", self.screen);
-        }
+        remark_on(screen.as_ref(), &self.screen);
         let capture = CaptureOptions { exposures_s: self.exposures_s.clone(), repeats: self.repeats.into() };
         Ok(Devices { setup, screen, camera, capture, settle_s, gain_db: self.gain_db, stop })
+    }
+}
+
+/// Tells what a user should know of a screen.
+fn remark_on(screen: &dyn Screen, name: &str) {
+    for remark in screen.remarks() {
+        tell!("warning: screen {name}: {remark}");
+    }
+    if !screen.verifies() {
+        tell!("screen {name}: frames cannot be read back; they are taken as shown");
     }
 }
 

@@ -6,7 +6,7 @@ use retina::lab::{BenchScreen, PresentOptions, ScreenSpec, Sequence, open_screen
 use retina_files::InputError;
 use serde_json::json;
 
-use super::interrupted;
+use super::{interrupted, remark_on};
 use crate::failure::Failure;
 use crate::output::{print_json, tell};
 use crate::progress::{advance, counter};
@@ -56,20 +56,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let stop = interrupted()?;
     let unseen = BenchScreen::new([setup.screen.width_px, setup.screen.height_px]);
     let mut screen = open_screen(&spec, &setup, &unseen)?;
-    for remark in screen.remarks() {
-        tell!("warning: screen {}: {remark}", arguments.screen);
-    }
-    if !screen.verifies() {
-        tell!("screen {}: frames cannot be read back; they are taken as shown", arguments.screen);
-    }
+    remark_on(screen.as_ref(), &arguments.screen);
     let times = (arguments.times > 0).then_some(arguments.times);
     let of = times.map_or(0, |times| times as usize * sequence.frames.len());
     let bar = counter(of as u64, "frames");
     let stop = || stop.load(std::sync::atomic::Ordering::Acquire);
     let options = PresentOptions { each_s, times };
-    let done = present(&sequence, screen.as_mut(), options, &stop, |shown| advance(&bar, shown, of));
+    let done = present(&sequence, screen.as_mut(), options, &stop, |shown| {
+        advance(&bar, shown, of.max(shown));
+    });
     bar.finish_and_clear();
-    let done = done?;
+    let (done, verified) = (done?, screen.verifies());
+    drop(screen);
     let ended = if done.stopped { ", then it was stopped" } else { "" };
     tell!("{} frames were shown, {} of them late{ended}; the screen is dark", done.frames, done.late);
     if arguments.json {
@@ -78,7 +76,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             "frames": done.frames,
             "late": done.late,
             "stopped": done.stopped,
-            "verified": screen.verifies(),
+            "verified": verified,
         }))?;
     }
     Ok(())
