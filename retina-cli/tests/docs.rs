@@ -16,10 +16,8 @@ fn root() -> PathBuf {
 
 /// README, ARCHITECTURE and the guides.
 fn pages() -> Vec<(PathBuf, String)> {
-    let mut files: Vec<PathBuf> = ["README.md", "ARCHITECTURE.md", "VALIDATION.md", "validation/README.md"]
-        .into_iter()
-        .map(|name| root().join(name))
-        .collect();
+    let names = ["README.md", "ARCHITECTURE.md", "STYLE.md", "VALIDATION.md", "validation/README.md"];
+    let mut files: Vec<PathBuf> = names.into_iter().map(|name| root().join(name)).collect();
     files.extend(fs::read_dir(root().join("docs")).unwrap().map(|entry| entry.unwrap().path()));
     files.retain(|file| file.extension().is_some_and(|extension| extension == "md"));
     files.sort();
