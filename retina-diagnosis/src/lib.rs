@@ -8,6 +8,7 @@
 //! - [`effects`]: the catalogue.
 
 mod added;
+mod balance;
 mod catalogue;
 mod cells;
 mod compare;

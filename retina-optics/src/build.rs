@@ -6,7 +6,8 @@ use retina_files::InputError;
 
 use crate::glass::Medium;
 use crate::stock::StockDoublet;
-use crate::system::{Aiming, Beam, Field, Group, Object, OpticalSystem, Shape, Surface, Wavelength};
+use crate::surface::{Shape, Surface};
+use crate::system::{Aiming, Beam, Field, Group, Object, OpticalSystem, Wavelength};
 
 /// Builds a system that begins with its stop (a camera's pupil), object at infinity.
 ///

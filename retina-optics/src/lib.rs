@@ -32,6 +32,7 @@ mod prescription;
 pub mod pupil;
 pub mod search;
 mod stock;
+mod surface;
 mod system;
 mod text;
 mod trace;
@@ -43,8 +44,7 @@ pub use glass::GlassCatalogue;
 pub use launch::Launcher;
 pub use prescription::{parse_prescription, read_system, shipped_design, shipped_designs};
 pub use stock::{StockDoublet, stock_doublet, stock_doublets};
-pub use system::{
-    Aiming, Aperture, Beam, Field, Group, Object, OpticalSystem, Pose, Shape, Surface, Wavelength,
-};
+pub use surface::{Aperture, Shape, Surface};
+pub use system::{Aiming, Beam, Field, Group, Object, OpticalSystem, Pose, Wavelength};
 pub use trace::{Clipping, Crossing, InstructionSet, Ray, RayBatch, RayFailure, Tracer};
 pub use zmx::parse_zmx;

@@ -5,7 +5,8 @@
 use serde::Serialize;
 
 use crate::OpticsError;
-use crate::system::{Beam, Object, OpticalSystem, Shape};
+use crate::surface::Shape;
+use crate::system::{Beam, Object, OpticalSystem};
 use crate::trace::indices_behind;
 
 /// Height and angles of a paraxial ray at a surface.

@@ -46,9 +46,8 @@ use serde::de::IgnoredAny;
 
 use crate::glass::{GlassCatalogue, Medium, read_agf};
 use crate::stock::stock_doublet;
-use crate::system::{
-    Aiming, Aperture, Beam, Field, Group, Object, OpticalSystem, Shape, Surface, Wavelength,
-};
+use crate::surface::{Aperture, Shape, Surface};
+use crate::system::{Aiming, Beam, Field, Group, Object, OpticalSystem, Wavelength};
 use crate::text::read_text_any;
 use crate::zmx::parse_zmx;
 

@@ -6,7 +6,7 @@ use std::sync::{Arc, LazyLock};
 use retina_files::{InputError, Table, nearest};
 
 use crate::glass::{Glass, GlassCatalogue, Medium};
-use crate::system::{Shape, Surface};
+use crate::surface::{Shape, Surface};
 
 const FILE: &str = "assets/optics/doublets.csv";
 const TEXT: &str = retina_assets::DOUBLETS_CSV;

@@ -9,7 +9,8 @@ use retina_files::InputError;
 
 use crate::glass::{GlassCatalogue, Medium};
 use crate::paraxial::efl_of_mm;
-use crate::system::{Aiming, Aperture, Beam, Field, Object, OpticalSystem, Shape, Surface, Wavelength};
+use crate::surface::{Aperture, Shape, Surface};
+use crate::system::{Aiming, Beam, Field, Object, OpticalSystem, Wavelength};
 use crate::text::number;
 
 /// Most fields of a system (the program has 12, and 200 in newer editions) and most wavelengths (24).

@@ -6,7 +6,8 @@ use crate::OpticsError;
 use crate::launch::Launcher;
 use crate::paraxial::Paraxial;
 use crate::pupil::gaussian;
-use crate::system::{OpticalSystem, Shape};
+use crate::surface::Shape;
+use crate::system::OpticalSystem;
 use crate::trace::{Clipping, Tracer};
 
 /// A ghost of the axial beam, primary wavelength.

@@ -4,7 +4,8 @@ use serde::Serialize;
 
 use crate::OpticsError;
 use crate::paraxial::Paraxial;
-use crate::system::{OpticalSystem, Shape};
+use crate::surface::Shape;
+use crate::system::OpticalSystem;
 
 /// Seidel coefficients of a surface or of a system, mm, as Welford defines them: at the rim of the pupil
 /// (r = 1) and the largest field the wavefront aberration is W = S_I r^4 / 8 + S_II r^3 cos / 2 +

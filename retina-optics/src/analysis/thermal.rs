@@ -6,7 +6,8 @@ use super::{SpotOptions, spots};
 use crate::OpticsError;
 use crate::glass::Medium;
 use crate::paraxial::Paraxial;
-use crate::system::{OpticalSystem, Shape};
+use crate::surface::Shape;
+use crate::system::OpticalSystem;
 
 /// The system at one temperature.
 #[derive(Debug, Clone, PartialEq, Serialize)]

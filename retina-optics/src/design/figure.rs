@@ -5,7 +5,7 @@ use retina_plot::Figure;
 use super::{BenchDesign, BenchLenses, Camera};
 use crate::glass::Medium;
 use crate::plot::layout_figure;
-use crate::system::{Shape, Surface};
+use crate::surface::{Shape, Surface};
 use crate::{OpticsError, SystemBuilder};
 
 /// The layout with the axial beam and those of 0.7 and 1 times the sensor's corner.

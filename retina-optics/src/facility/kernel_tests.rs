@@ -6,7 +6,8 @@ use std::f64::consts::PI;
 use super::*;
 use crate::glass::Medium;
 use crate::pupil::gaussian;
-use crate::system::{Beam, Field, Object, Shape, Surface, Wavelength};
+use crate::surface::{Shape, Surface};
+use crate::system::{Beam, Field, Object, Wavelength};
 use crate::{Aiming, OpticalSystem};
 
 const WIDE_PX: f64 = 25.0 / 3.45e-3;

@@ -8,7 +8,8 @@ use crate::OpticsError;
 use crate::analysis::{largest_field, lens_elements};
 use crate::glass::Medium;
 use crate::launch::Launcher;
-use crate::system::{Object, OpticalSystem, Pose, Shape};
+use crate::surface::Shape;
+use crate::system::{Object, OpticalSystem, Pose};
 use crate::trace::{Clipping, Tracer};
 
 /// The section through the axis and the largest field: z along, height across.

@@ -7,7 +7,8 @@ use super::step::{
 };
 use super::{Crossing, Ray, RayFailure};
 use crate::OpticsError;
-use crate::system::{OpticalSystem, Pose, Shape};
+use crate::surface::Shape;
+use crate::system::{OpticalSystem, Pose};
 
 /// Whether clear apertures stop rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
