@@ -8,7 +8,7 @@ use retina_optics::OpticalSystem;
 use retina_radiometry::irradiance_of_magnitude_w_m2_nm;
 
 use crate::optics::{
-    BenchOptics, CameraPose, ExposurePose, OpticsDetail, Source, channel_lines, facility_system,
+    BenchOptics, CameraPose, ExposurePose, OpticsDetail, PointImage, Source, channel_lines, facility_system,
 };
 use crate::{BenchError, Display, GroupOffset, Imperfections, ScreenImage, Sensor};
 
@@ -24,6 +24,8 @@ pub struct BenchOptions {
     pub seed: u64,
     /// How finely its optics are tabulated.
     pub detail: OpticsDetail,
+    /// What of the image of a point is modelled.
+    pub point_image: PointImage,
 }
 
 /// One exposure.
@@ -92,7 +94,15 @@ impl Bench {
             move_group(&mut system, "relay", &options.wrong.relay)?;
         }
         let lines = channel_lines(setup, sensor.efficiency(), options.detail.lines);
-        let optics = BenchOptics::new(&system, setup, &display, &options.wrong, &lines, options.detail)?;
+        let optics = BenchOptics::new(
+            &system,
+            setup,
+            &display,
+            &options.wrong,
+            &lines,
+            options.detail,
+            options.point_image,
+        )?;
         // Eq. 10: the effective irradiance of a white pixel, a third from each channel.
         let white =
             irradiance_of_magnitude_w_m2_nm(setup.brightest_magnitude()) * sensor.efficiency().bandwidth_nm();
@@ -156,20 +166,24 @@ impl Bench {
     /// # Errors
     /// The image has another size than the screen.
     pub fn light_e(&self, screen: &ScreenImage, exposure: &Exposure) -> Result<Vec<f32>, BenchError> {
-        let lit = self.display.sub_pixels(screen)?;
-        let full = self.full_e_s.map(|e| e * exposure.exposure_s);
-        let sources = self.optics.sources(&self.display, &lit, &exposure.pose, full);
-        let size = self.setup.camera.width_px as usize * self.setup.camera.height_px as usize;
-        // The screen's black: its pixels are smaller than the camera's spots, so it is even.
-        let mut image = vec![(self.black_e_s() * exposure.exposure_s) as f32; size];
-        if lit.len() <= MOST_POINTS {
-            self.optics.add_points(&mut image, &sources);
-        } else {
-            self.optics.add_scene(&mut image, &sources);
-        }
+        let sources = self.sources(screen, exposure)?;
+        let mut image = self.focused_e(&sources, exposure);
         self.optics.add_stray(&mut image, &sources);
         image.par_iter_mut().for_each(|value| *value = value.max(0.0));
         Ok(image)
+    }
+
+    /// As [`Bench::light_e`], of sources, without ghosts and veiling glare.
+    pub fn focused_e(&self, sources: &[Source], exposure: &Exposure) -> Vec<f32> {
+        let size = self.setup.camera.width_px as usize * self.setup.camera.height_px as usize;
+        // The screen's black: its pixels are smaller than the camera's spots, so it is even.
+        let mut image = vec![(self.black_e_s() * exposure.exposure_s) as f32; size];
+        if sources.len() <= MOST_POINTS {
+            self.optics.add_points(&mut image, sources);
+        } else {
+            self.optics.add_scene(&mut image, sources);
+        }
+        image
     }
 
     /// Electrons a second and camera pixel of the screen's black.

@@ -23,6 +23,7 @@ pub use display::{Display, ScreenImage, SubPixel};
 pub use error::BenchError;
 pub use imperfections::{GroupOffset, Imperfections, Objective, ScreenPlacement};
 pub use optics::{
-    BenchOptics, CameraPose, ExposurePose, OpticsDetail, Source, channel_lines, display_rays, facility_system,
+    BenchOptics, CameraPose, ExposurePose, OpticsDetail, PointImage, Source, channel_lines, display_rays,
+    facility_system,
 };
 pub use sensor::Sensor;

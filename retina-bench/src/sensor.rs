@@ -158,6 +158,17 @@ impl Sensor {
         dn
     }
 
+    /// Digital numbers of mean electrons without noise, fixed patterns and dark current.
+    pub fn noiseless(&self, light_e: &[f32]) -> Vec<u16> {
+        let (full, bend) = (self.full_well_e as f32, (self.nonlinearity / self.full_well_e) as f32);
+        let (per_e, offset) = ((1.0 / self.gain_e_per_dn) as f32, self.offset_dn as f32 + 0.5);
+        let dn = |light: &f32| {
+            let held = light.min(full);
+            (held * (1.0 + bend * held) * per_e + offset).clamp(0.0, self.largest_dn as f32) as u16
+        };
+        light_e.par_iter().map(dn).collect()
+    }
+
     /// Mean electrons of row `y`: light, stray light, dark current.
     #[inline(always)]
     fn mean_charge(&self, y: usize, light_e: &[f32], exposure_s: f64, warm: f32, mean: &mut [f32]) {

@@ -282,7 +282,7 @@ impl Facility {
     /// # Errors
     /// As [`Bench::new`].
     pub fn bench(&self, detail: OpticsDetail) -> Result<Bench, BenchError> {
-        let options = BenchOptions { wrong: self.wrong, seed: self.seed, detail };
+        let options = BenchOptions { wrong: self.wrong, seed: self.seed, detail, ..BenchOptions::default() };
         Bench::with_display(&self.setup, self.display.clone(), &options)
     }
 }

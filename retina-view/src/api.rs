@@ -1,5 +1,6 @@
 //! What the page may ask.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -18,7 +19,7 @@ use crate::guard::{Guard, guarded};
 use crate::served::{Kind, Served};
 use crate::session::{Session, effect_name};
 use crate::store::{Dropped, Inputs, Store};
-use crate::{columns, export, page};
+use crate::{columns, export, page, panes};
 
 /// Largest body: a table of some 150 MB.
 const MOST_BODY_BYTES: usize = 160 << 20;
@@ -30,12 +31,25 @@ pub(crate) struct App {
     pub(crate) guard: Guard,
     pub(crate) served: Served,
     pub(crate) store: Store,
-    /// The session of the command line.
+    /// What the page opens first: the address's fragment, such as `session=...` or `sequence=0`.
     pub(crate) first: Option<String>,
+    pub(crate) panes: panes::Held,
 }
 
-type Shared = State<Arc<App>>;
-type Answer = Result<Response, Refusal>;
+impl App {
+    /// The file or folder that the page names.
+    pub(crate) fn path(&self, named: &str) -> Result<PathBuf, Refusal> {
+        self.served.path(named).ok_or_else(|| {
+            Refusal::new(
+                StatusCode::FORBIDDEN,
+                format!("`{named}` is not in the paths that were given to `retina view`"),
+            )
+        })
+    }
+}
+
+pub(crate) type Shared = State<Arc<App>>;
+pub(crate) type Answer = Result<Response, Refusal>;
 
 pub(crate) fn router(app: Arc<App>) -> Router {
     let guard = app.guard.clone();
@@ -56,6 +70,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .route("/api/sessions/{id}/job/{what}", post(job))
         .route("/api/sessions/{id}/leave-out", post(leave_out))
         .route("/api/sessions/{id}/export/{what}", get(exported))
+        .merge(panes::routes())
         .fallback(async |uri: Uri| page::file(uri.path()))
         .layer(DefaultBodyLimit::max(MOST_BODY_BYTES))
         .layer(middleware::from_fn_with_state(guard, guarded))
@@ -63,7 +78,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
 }
 
 /// Runs what computes or reads files beside the threads that answer.
-async fn beside(work: impl FnOnce() -> Answer + Send + 'static) -> Answer {
+pub(crate) async fn beside(work: impl FnOnce() -> Answer + Send + 'static) -> Answer {
     tokio::task::spawn_blocking(work).await.unwrap_or_else(|_| {
         let text =
             "the program failed here; its message is where it was started. This is a fault of the program";
@@ -71,7 +86,7 @@ async fn beside(work: impl FnOnce() -> Answer + Send + 'static) -> Answer {
     })
 }
 
-fn json_of(value: Value) -> Answer {
+pub(crate) fn json_of(value: Value) -> Answer {
     Ok(Json(value).into_response())
 }
 
@@ -79,7 +94,7 @@ fn done() -> Answer {
     Ok(StatusCode::NO_CONTENT.into_response())
 }
 
-fn bytes_of(bytes: Vec<u8>) -> Answer {
+pub(crate) fn bytes_of(bytes: Vec<u8>) -> Answer {
     Ok(([(header::CONTENT_TYPE, "application/octet-stream")], bytes).into_response())
 }
 
@@ -96,6 +111,8 @@ async fn start(State(app): Shared) -> Answer {
             "first": app.first,
             "sessions": app.store.list(),
             "files": app.served.list(),
+            "setups": panes::SETUPS.map(|(name, _)| name),
+            "systems": retina_optics::shipped_designs().collect::<Vec<_>>(),
             "examples": examples,
         }))
     })
@@ -128,13 +145,7 @@ struct Named {
 
 async fn open(State(app): Shared, Json(named): Json<Named>) -> Answer {
     beside(move || {
-        let outside = |name: &str| {
-            Refusal::new(
-                StatusCode::FORBIDDEN,
-                format!("`{name}` is not in the folders that were given to `retina view`"),
-            )
-        };
-        let path = |name: &String| app.served.resolve(name).ok_or_else(|| outside(name));
+        let path = |name: &String| app.path(name);
         let mut inputs = Inputs::default();
         inputs.put(Kind::Setup, path(&named.setup)?)?;
         for table in &named.tables {

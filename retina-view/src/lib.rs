@@ -14,6 +14,7 @@ mod failure;
 mod guard;
 mod job;
 mod page;
+mod panes;
 mod served;
 mod session;
 mod state;

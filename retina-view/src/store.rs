@@ -38,7 +38,7 @@ pub(crate) struct Inputs {
 
 impl Inputs {
     /// # Errors
-    /// There are two setups, or two calibrations.
+    /// There are two setups, or two calibrations; it is of another kind.
     pub(crate) fn put(&mut self, kind: Kind, path: PathBuf) -> Result<(), InputError> {
         let place = match kind {
             Kind::Table => {
@@ -47,6 +47,10 @@ impl Inputs {
             }
             Kind::Setup => &mut self.setup,
             Kind::Calibration => &mut self.calibration,
+            _ => {
+                return Err(InputError::new(&path, "is nothing that a session of the workbench takes")
+                    .expected("a setup, tables and a calibration"));
+            }
         };
         match place {
             Some(first) => Err(InputError::new(&path, "is a second one of its kind")

@@ -8,7 +8,8 @@ use crate::api::{self, App};
 use crate::failure::ViewError;
 use crate::guard::Guard;
 use crate::job::STACK_BYTES;
-use crate::served::{Served, kind_of};
+use crate::panes::Held;
+use crate::served::{Kind, Served};
 use crate::store::{Inputs, Store};
 
 /// What a server is to do.
@@ -39,6 +40,19 @@ pub fn default_state_folder() -> Option<PathBuf> {
     Some(base.join("retina").join("view"))
 }
 
+/// The pane that shows a given path.
+fn fragment(kind: Kind, number: usize) -> Option<String> {
+    let pane = match kind {
+        Kind::Sequence => "sequence",
+        Kind::Results => "results",
+        Kind::Scene => "scene",
+        Kind::System | Kind::Designs => "optics",
+        Kind::Setup => "bench",
+        Kind::Calibration | Kind::Table => return None,
+    };
+    Some(format!("{pane}={number}/"))
+}
+
 impl View {
     /// Checks the paths, opens the session that they name, and takes the port.
     ///
@@ -47,12 +61,16 @@ impl View {
     pub fn bind(options: &ViewOptions) -> Result<Self, ViewError> {
         let served = Served::new(&options.paths)?;
         let mut inputs = Inputs::default();
-        for file in served.files() {
-            let kind = kind_of(file, &retina_files::read_text(file)?)?;
-            inputs.put(kind, file.clone())?;
+        let mut pane = None;
+        for (number, path, kind) in served.given()? {
+            // A setup among others belongs to them.
+            if kind != Kind::Setup || options.paths.len() == 1 {
+                pane = pane.or_else(|| fragment(kind, number));
+            }
+            if kind.is_measured() {
+                inputs.put(kind, path)?;
+            }
         }
-        std::fs::create_dir_all(&options.state_folder)
-            .map_err(|source| ViewError::State { folder: options.state_folder.clone(), source })?;
         let store = Store::new(options.state_folder.clone());
         if let (None, Some(table), true) = (&inputs.setup, inputs.tables.first(), served.is_files_alone()) {
             return Err(retina_files::InputError::new(table, "comes without its setup")
@@ -60,6 +78,8 @@ impl View {
                 .help("retina view SETUP.toml TABLE.csv")
                 .into());
         }
+        std::fs::create_dir_all(&options.state_folder)
+            .map_err(|source| ViewError::State { folder: options.state_folder.clone(), source })?;
         let named = inputs.setup.is_some() && !inputs.tables.is_empty();
         let opened = match named.then(|| store.open(inputs)).transpose() {
             Ok(session) => session.map(|session| session.id.clone()),
@@ -68,6 +88,7 @@ impl View {
                 return Err(retina_files::InputError::new(&options.state_folder, text).into());
             }
         };
+        let first = opened.as_ref().map(|id| format!("session={id}")).or(pane);
         let wanted = SocketAddr::from((Ipv4Addr::LOCALHOST, options.port));
         let refused = |source| ViewError::Listen { address: wanted, source };
         let listener = std::net::TcpListener::bind(wanted).map_err(refused)?;
@@ -77,7 +98,7 @@ impl View {
         Ok(Self {
             listener,
             address,
-            app: Arc::new(App { guard, served, store, first: opened.clone() }),
+            app: Arc::new(App { guard, served, store, first, panes: Held::default() }),
             opened,
         })
     }

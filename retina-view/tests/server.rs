@@ -295,3 +295,56 @@ fn files_that_do_not_belong_are_refused_with_what_is_expected() {
     assert_eq!(dropped("a.csv", "what,is,this\n1,2,3\n").status, 422);
     assert_eq!(server.post("/api/sessions/drop", &json!([1, 2])).status, 422);
 }
+
+#[test]
+fn panes_answer_for_the_given_paths_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let (given, outside) = (dir.path().join("given"), dir.path().join("outside"));
+    std::fs::create_dir_all(&given).unwrap();
+    std::fs::create_dir_all(outside.join("frames")).unwrap();
+    std::fs::write(outside.join("batch.json"), "{}").unwrap();
+    std::fs::write(given.join("note.toml"), "a = 1\n").unwrap();
+    let server = Server::started(std::slice::from_ref(&given), &dir.path().join("state"));
+    for path in [
+        "/api/sequence?at=0/../outside",
+        "/api/sequence/image/0?at=0/../outside",
+        "/api/results?at=1",
+        "/api/scene?at=0/../outside/batch.json",
+        "/api/optics/designs?at=/etc/passwd",
+    ] {
+        assert_eq!(server.get(path).status, 403, "{path}");
+    }
+    let bad = server.get("/api/sequence?at=0");
+    assert!(bad.status == 422 && bad.body.contains("no folder that `retina render` wrote"), "{}", bad.body);
+    let scene = server.get("/api/scene?at=0/note.toml");
+    assert!(scene.status == 422 && scene.body.contains("schema"), "{}", scene.body);
+    assert_eq!(server.get("/api/results?at=0").json()["documents"], json!([]));
+}
+
+#[test]
+fn a_lens_system_follows_its_gaps_and_tilts() {
+    let dir = tempfile::tempdir().unwrap();
+    let server = Server::started(&[], dir.path());
+    let traced = |more: Value| {
+        let mut asked = json!({ "at": "reference-1.3fc-wide" });
+        asked.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        server.post("/api/optics", &asked)
+    };
+    let worst = |system: &Value| {
+        let fields = system["fields"].as_array().unwrap();
+        fields.iter().map(|field| field["rms_um"].as_f64().unwrap()).fold(0.0, f64::max)
+    };
+    let designed = traced(json!({})).json();
+    let last = designed["gaps"].as_array().unwrap().last().unwrap().clone();
+    let (surface, gap_mm) = (last["surface"].to_string(), last["designed_mm"].as_f64().unwrap());
+    let further = traced(json!({ "gaps_mm": { (surface): gap_mm + 2.0 } })).json();
+    assert!(worst(&further) > 1.5 * worst(&designed), "{} {}", worst(&further), worst(&designed));
+    let tilted =
+        traced(json!({ "groups": { "relay": { "tilt_deg": [2.0, 0.0], "shift_mm": [0.0, 0.0] } } })).json();
+    assert!(worst(&tilted) > 1.02 * worst(&designed));
+    assert!(designed["layout"].as_str().unwrap().starts_with("<svg"));
+    assert_eq!(traced(json!({ "gaps_mm": { "3": 1.0 } })).status, 404, "a lens is no gap");
+    assert_eq!(traced(json!({ "groups": { "camera": { "tilt_deg": [0, 0], "shift_mm": [0, 0] } } })).status, 404);
+    let negative = traced(json!({ "gaps_mm": { (last["surface"].to_string()): -5.0 } }));
+    assert_eq!(negative.status, 422, "{}", negative.body);
+}

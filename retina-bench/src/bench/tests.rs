@@ -153,3 +153,37 @@ fn lenses_of_another_magnification_than_the_setups_are_refused() {
     narrow.optics.system = Some("reference-1.3fc-wide".into());
     assert!(crate::facility_system(&narrow).is_err());
 }
+
+/// Parts of a point's image taken away leave its light and its place, and make it sharper.
+#[test]
+fn parts_of_a_points_image_can_be_left_out() {
+    let setup = setup("wide-fov.toml");
+    let exposure = Exposure::new(1e-3, 0);
+    let mut screen = ScreenImage::dark(1920, 1200);
+    screen.set(1500, 1100, [0, 255, 0]);
+    let images = [PointImage::Point, PointImage::Diffraction, PointImage::Full].map(|point_image| {
+        let bench = Bench::new(&setup, &BenchOptions { point_image, ..quick() }).unwrap();
+        let sources = bench.sources(&screen, &exposure).unwrap();
+        let at = bench.land_px([1500.5, 1100.5], 1, &exposure).unwrap();
+        let mut light = vec![0f32; 2048 * 1536];
+        bench.optics().add_points(&mut light, &sources);
+        let (centroid, sum) = centroid(&light, 2048, at, 20);
+        assert!((centroid[0] - at[0]).hypot(centroid[1] - at[1]) < 0.06, "{point_image:?}: {centroid:?} {at:?}");
+        (f64::from(light.iter().copied().fold(0.0, f32::max)) / sum, sum)
+    });
+    let [point, diffraction, full] = images;
+    assert!(point.0 > 1.2 * diffraction.0 && diffraction.0 > 1.5 * full.0, "{images:?}");
+    // Wings of the full image lie beyond what is summed here.
+    assert!((diffraction.1 / point.1 - 1.0).abs() < 0.02 && (full.1 / point.1 - 1.0).abs() < 0.05, "{images:?}");
+}
+
+/// Without noise the numbers are the mean of what the sensor reads.
+#[test]
+fn numbers_without_noise_are_the_mean_of_those_with_it() {
+    let bench = Bench::new(&setup("wide-fov.toml"), &quick()).unwrap();
+    let light = vec![2000f32; 2048 * 1536];
+    let exposure = Exposure::new(1e-3, 0);
+    let mean = |dn: &[u16]| dn.iter().map(|&dn| f64::from(dn)).sum::<f64>() / dn.len() as f64;
+    let (quiet, noisy) = (mean(&bench.sensor().noiseless(&light)), mean(&bench.read(&light, &exposure).dn));
+    assert!((quiet - noisy).abs() < 0.6, "{quiet} {noisy}");
+}

@@ -2,9 +2,11 @@
 
 use glam::DVec2;
 use rayon::prelude::*;
-use retina_optics::facility::{Chebyshev2, Imaging, Kernel, KernelFrame, KernelGrid, SpectralLine, tangents};
+use retina_optics::facility::{
+    Chebyshev2, Imaging, Kernel, KernelFrame, KernelGrid, SpectralLine, TILT, WAVEFRONT_TERMS, tangents,
+};
 
-use super::{CameraPose, FUNCTIONS, OpticsDetail, added};
+use super::{CameraPose, FUNCTIONS, OpticsDetail, PointImage, added};
 use crate::{BenchError, Display, Imperfections};
 
 /// Samples of a kernel a pixel.
@@ -33,20 +35,81 @@ pub(super) struct Kernels {
 /// The four nodes about a place and their shares.
 pub(super) type Blend = [(usize, f32); 4];
 
+/// What makes the images of points.
+#[derive(Clone, Copy)]
+pub(super) struct Shapes<'a> {
+    pub(super) imaging: &'a Imaging,
+    pub(super) wrong: &'a Imperfections,
+    pub(super) point_image: PointImage,
+}
+
+impl Shapes<'_> {
+    /// What is added to the traced wavefront of a place (mm) whose light has these tangents: the objective's part, and
+    /// less all of the aberrations where they are left out.
+    fn added(
+        &self,
+        [x, y, z]: [f64; 3],
+        toward: [f64; 2],
+        nm: f64,
+        radius_mm: f64,
+    ) -> [f64; WAVEFRONT_TERMS] {
+        let mut terms = added(&self.wrong.objective, toward, nm, radius_mm);
+        if self.point_image != PointImage::Full {
+            let traced = self.imaging.wavefront([x, y], nm, z).coefficients_mm;
+            for k in (0..WAVEFRONT_TERMS).filter(|k| !TILT.contains(k)) {
+                terms[k] = -traced[k];
+            }
+        }
+        terms
+    }
+
+    fn kernel(
+        &self,
+        place: [f64; 3],
+        lines: &[SpectralLine],
+        camera: &CameraPose,
+        grid: KernelGrid,
+    ) -> Result<Kernel, BenchError> {
+        let [x, y, z] = place;
+        if self.point_image == PointImage::Point {
+            let side = grid.side();
+            let mut values = vec![0f32; side * side];
+            values[side / 2 * side + side / 2] = (grid.per_px * grid.per_px) as f32;
+            return Ok(Kernel { grid, values, beyond: 0.0 });
+        }
+        // The centroid of all lines together is the kernel's middle.
+        let mut reference = [0.0; 2];
+        let mut toward = [0.0; 2];
+        let mut radius_mm = 0.0;
+        for &(nm, weight) in lines {
+            let wavefront = self.imaging.wavefront([x, y], nm, z);
+            let tilt = wavefront.reference_tangents();
+            radius_mm = wavefront.pupil_radius_mm;
+            let terms = self.added(place, tilt, nm, radius_mm);
+            let at = tangents(wavefront.plus(&terms).centroid());
+            reference = [0, 1].map(|k| reference[k] + weight * at[k]);
+            toward = [0, 1].map(|k| toward[k] + weight * tilt[k]);
+        }
+        let frame = KernelFrame { reference, roll_rad: camera.roll_rad };
+        let objective = |nm: f64| self.added(place, toward, nm, radius_mm);
+        Ok(self.imaging.kernel([x, y], lines, z, frame, grid, objective)?)
+    }
+}
+
 impl Kernels {
     pub(super) fn new(
-        imaging: &Imaging,
+        shapes: Shapes<'_>,
         maps: &[Chebyshev2<FUNCTIONS>],
         half_screen_mm: [f64; 2],
         camera: &CameraPose,
         display: &Display,
-        wrong: &Imperfections,
         lines: &[Vec<SpectralLine>; 3],
         detail: OpticsDetail,
         size_px: [usize; 2],
     ) -> Result<Self, BenchError> {
         let grid = KernelGrid { focal_px: camera.pinhole.fx_px, per_px: PER_PX, half_px: detail.half_px };
-        let fill = if wrong.pixel_fill > 0.0 { wrong.pixel_fill } else { 1.0 };
+        let pixel_fill = shapes.wrong.pixel_fill;
+        let fill = if pixel_fill > 0.0 { pixel_fill } else { 1.0 };
         let count = detail.nodes[0] * detail.nodes[1];
         let at_node = |node: usize| {
             let at = [node % detail.nodes[0], node / detail.nodes[0]];
@@ -60,23 +123,8 @@ impl Kernels {
             .map(|i| {
                 let (node, channel) = (i / 3, i % 3);
                 let (screen, slope) = source_of(&maps[channel], half_screen_mm, at_node(node));
-                let [x, y, z] = wrong.screen.place(screen);
-                // The centroid of all lines together is the kernel's middle.
-                let mut reference = [0.0; 2];
-                let mut toward = [0.0; 2];
-                let mut radius_mm = 0.0;
-                for &(nm, weight) in &lines[channel] {
-                    let wavefront = imaging.wavefront([x, y], nm, z);
-                    let tilt = wavefront.reference_tangents();
-                    radius_mm = wavefront.pupil_radius_mm;
-                    let terms = added(&wrong.objective, tilt, nm, radius_mm);
-                    let at = tangents(wavefront.plus(&terms).centroid());
-                    reference = [0, 1].map(|k| reference[k] + weight * at[k]);
-                    toward = [0, 1].map(|k| toward[k] + weight * tilt[k]);
-                }
-                let frame = KernelFrame { reference, roll_rad: camera.roll_rad };
-                let objective = |nm: f64| added(&wrong.objective, toward, nm, radius_mm);
-                let mut kernel = imaging.kernel([x, y], &lines[channel], z, frame, grid, objective)?;
+                let place = shapes.wrong.screen.place(screen);
+                let mut kernel = shapes.kernel(place, &lines[channel], camera, grid)?;
                 kernel.spread(emission_px(slope, display));
                 kernel.spread([fill, fill]);
                 Ok::<_, BenchError>((Phases::of(&kernel), kernel.beyond))

@@ -24,7 +24,7 @@ pub use place::{CameraPose, ExposurePose, display_rays, facility_system};
 use crate::imperfections::Objective;
 use crate::{BenchError, Display, Imperfections};
 use dense::Dense;
-use kernels::Kernels;
+use kernels::{Kernels, Shapes};
 use stray::Ghosts;
 
 /// Light that lands on the sensor.
@@ -47,6 +47,18 @@ pub struct OpticsDetail {
     pub lines: usize,
     /// Kernels reach this far, pixels.
     pub half_px: usize,
+}
+
+/// What of the image of a point is modelled: to see what each part adds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PointImage {
+    /// A point stays one: the sub-pixel's area and the camera's pixel alone spread it.
+    Point,
+    /// The pupil's diffraction, as if the wavefront had no aberrations.
+    Diffraction,
+    /// Diffraction and aberrations.
+    #[default]
+    Full,
 }
 
 impl Default for OpticsDetail {
@@ -134,6 +146,7 @@ impl BenchOptics {
         wrong: &Imperfections,
         lines: &[Vec<SpectralLine>; 3],
         detail: OpticsDetail,
+        point_image: PointImage,
     ) -> Result<Self, BenchError> {
         let camera = CameraPose::new(setup, wrong);
         let half_screen_mm = place::half_screen_mm(system, setup, &camera)?;
@@ -191,8 +204,8 @@ impl BenchOptics {
             })
             .collect::<Result<Vec<_>, _>>()?;
         let size_px = [setup.camera.width_px as usize, setup.camera.height_px as usize];
-        let kernels =
-            Kernels::new(&imaging, &maps, half_screen_mm, &camera, display, wrong, lines, detail, size_px)?;
+        let shapes = Shapes { imaging: &imaging, wrong, point_image };
+        let kernels = Kernels::new(shapes, &maps, half_screen_mm, &camera, display, lines, detail, size_px)?;
         let ghosts = Ghosts::new(system, setup, kernels.beyond())?;
         let mut optics = Self {
             imaging,

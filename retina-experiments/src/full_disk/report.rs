@@ -39,6 +39,9 @@ impl Sequence {
         let mut out = json!({"name": self.label, "summary": self.summary, "filter": filter});
         if frames {
             out["frames"] = json!(self.frames);
+            if let Ok(filter) = &self.filter {
+                out["filter"]["steps"] = json!(filter.steps);
+            }
         }
         out
     }

@@ -129,11 +129,14 @@ export interface StartDocument {
   version: string;
   first: string | null;
   sessions: { id: string; name: string; effects: string[] }[];
-  files: { path: string; kind: "setup" | "calibration" | "table" }[];
+  files: { path: string; kind: "setup" | "calibration" | "table" | "scene" | "system" | "designs" | "sequence" | "results" }[];
+  setups: string[];
+  systems: string[];
   examples: { id: string; title: string; text: string }[];
 }
 
-async function answer(path: string, init?: RequestInit): Promise<Response> {
+/** The server's answer, if it is no refusal. */
+export async function answer(path: string, init?: RequestInit): Promise<Response> {
   let response: Response;
   try {
     response = await fetch(path, init);

@@ -1,22 +1,35 @@
-// One page: the start, or a session. The address's fragment says which, so that a window can be opened twice.
+// One page: the start, a session of the workbench, or another pane. The address's fragment says which, so that a window can
+// be opened twice.
 
 import "./view.css";
 import { get, type StartDocument } from "./api";
-import { Workbench } from "./workbench";
+import { BenchPane } from "./benchpane";
+import { LivePane } from "./live";
+import { OpticsPane } from "./opticspane";
+import { ResultsPane } from "./results";
+import { Sequence } from "./sequence";
 import { showStart } from "./start";
+import { Workbench } from "./workbench";
 
 const page = document.getElementById("page") as HTMLElement;
 let leave: () => void = () => undefined;
 
+/** What a pane is opened with: a place in the given paths, or a name that ships. */
+const PANES: Record<string, new (page: Element, at: string) => { close(): void }> = { sequence: Sequence, results: ResultsPane, scene: LivePane, bench: BenchPane, optics: OpticsPane };
+
 function show(): void {
   leave();
-  const id = /^#session=([a-z0-9-]+)$/.exec(window.location.hash)?.[1];
-  document.title = "RETINA workbench";
-  if (id === undefined) {
-    leave = showStart(page, open);
-  } else {
-    const workbench = new Workbench(page, id, open);
+  const [, kind, at] = /^#([a-z]+)=(.+)$/.exec(window.location.hash) ?? [];
+  const pane = kind === undefined ? undefined : PANES[kind];
+  document.title = "RETINA";
+  if (pane && at !== undefined) {
+    const shown = new pane(page, decodeURIComponent(at));
+    leave = () => shown.close();
+  } else if (kind === "session" && at !== undefined && /^[a-z0-9-]+$/.test(at)) {
+    const workbench = new Workbench(page, at, open);
     leave = () => workbench.close();
+  } else {
+    leave = showStart(page, open);
   }
 }
 
@@ -34,8 +47,11 @@ if (theme === "light" || theme === "dark") {
 }
 window.addEventListener("hashchange", show);
 if (window.location.hash === "") {
-  // The session of the command line is opened at once.
-  get<StartDocument>("/api/start").then((start) => (start.first === null ? show() : open(start.first)), show);
+  // What the command line names is opened at once.
+  get<StartDocument>("/api/start").then((start) => {
+    if (start.first === null) show();
+    else window.location.hash = start.first;
+  }, show);
 } else {
   show();
 }

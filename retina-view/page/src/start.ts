@@ -16,7 +16,7 @@ export function showStart(page: Element, open: (id: string) => void): () => void
     h(
       "main",
       { id: "main", class: "start" },
-      h("h1", {}, "RETINA workbench"),
+      h("h1", {}, "RETINA"),
       h("p", { class: "lead" }, "Compare a model with measurements. See where it fails, learn which effect is missing, add it, and watch the error fall."),
       box,
       body,
@@ -42,14 +42,15 @@ function sections(start: StartDocument, open: (id: string) => void, failed: (e: 
       chooser("Choose files", () => null, open, failed),
     ),
   ];
-  if (start.files.length > 0) {
-    out.push(h("section", {}, h("h2", {}, "Files of the given folders"), filesForm(start, opened)));
+  if (start.files.some((file) => ["setup", "table", "calibration"].includes(file.kind))) {
+    out.push(h("section", {}, h("h2", {}, "Measurements of the given folders"), filesForm(start, opened)));
   }
+  out.push(panes(start));
   out.push(
     h(
       "section",
       {},
-      h("h2", {}, "Examples"),
+      h("h2", {}, "Examples for the workbench"),
       h("p", { class: "dim" }, "The virtual bench makes the data here, in some ten seconds."),
       h(
         "ul",
@@ -70,6 +71,36 @@ function sections(start: StartDocument, open: (id: string) => void, failed: (e: 
     out.push(h("section", {}, h("h2", {}, "Sessions"), sessionList(start, open, failed, again)));
   }
   return out;
+}
+
+/** What else can be looked at: links to the panes. */
+function panes(start: StartDocument): HTMLElement {
+  const of = (kind: string): [string, string][] => start.files.filter((file) => file.kind === kind).map(({ path }) => [path, path.replace(/^\d+\//, "") || "the given one"]);
+  const shipped = (names: string[]): [string, string][] => names.map((name) => [name, name]);
+  const group = (pane: string, title: string, text: string, entries: [string, string][], missing: string): HTMLElement =>
+    h(
+      "li",
+      {},
+      h("h3", {}, title),
+      h("p", {}, text),
+      entries.length === 0
+        ? h("p", { class: "dim" }, missing)
+        : h("ul", { class: "links" }, ...entries.map(([at, name]) => h("li", {}, h("a", { href: `#${pane}=${encodeURIComponent(at)}`, "data-key": `${pane}-${at}` }, name)))),
+    );
+  return h(
+    "section",
+    {},
+    h("h2", {}, "Look at"),
+    h(
+      "ul",
+      { class: "cards" },
+      group("sequence", "Sequences", "Rendered frames, the truth over them, two runs beside each other.", of("sequence"), "Give a folder that `retina render` wrote."),
+      group("scene", "Live scenes", "Turn camera, Sun and body by hand, and save the pose.", of("scene"), "Give a scene, such as SCENE.toml."),
+      group("bench", "Bench", "From the screen to the camera, part by part.", [...of("setup"), ...shipped(start.setups)], ""),
+      group("optics", "Optics", "Layout, spots and contrast as gaps and tilts change; designs of a search.", [...of("designs"), ...of("system"), ...shipped(start.systems)], ""),
+      group("results", "Results of navigation", "Errors and their bounds over time, and why a frame failed.", of("results"), "Give a folder that `retina navigate` wrote."),
+    ),
+  );
 }
 
 function filesForm(start: StartDocument, opened: (path: string, body: unknown) => void): HTMLElement {

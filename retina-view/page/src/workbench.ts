@@ -9,6 +9,7 @@ import { ladder } from "./ladder";
 import { dataPanel, modelName, modelPanel } from "./model";
 import { Plots } from "./plots";
 import { problemBox, problemOf } from "./problem";
+import { turnTheme } from "./shell";
 import { type Columns, type ModelRows, readColumns, readRows, told } from "./rows";
 
 /** Between two models that blink: slower than what may hurt, ms. */
@@ -68,6 +69,7 @@ export class Workbench {
       ),
     );
     document.addEventListener("keydown", this.keys, { signal: this.closed.signal });
+    window.addEventListener("theme", () => this.plots.redraw(), { signal: this.closed.signal });
     get<{ effects: CatalogueEffect[] }>("/api/effects").then((all) => (this.catalogue = all.effects), (e) => this.failed(e));
     void this.listen();
   }
@@ -291,13 +293,6 @@ export class Workbench {
     const job = news.job;
     const button = (label: string, key: string, disabled: boolean, click: () => void, more: Record<string, string> = {}): HTMLElement =>
       h("button", { type: "button", "data-key": key, disabled, click, ...more }, label);
-    const theme = (): void => {
-      const dark = document.documentElement.dataset["theme"] === "dark" || (!document.documentElement.dataset["theme"] && window.matchMedia("(prefers-color-scheme: dark)").matches);
-      const next = dark ? "light" : "dark";
-      document.documentElement.dataset["theme"] = next;
-      window.localStorage.setItem("theme", next);
-      this.plots.redraw();
-    };
     const exports = news.phase === "ready" ? ["fit.html", ...(news.diagnosis ? ["diagnosis.html"] : []), "model.toml", "predictions.csv", "commands.txt"] : [];
     put(
       this.header,
@@ -314,7 +309,7 @@ export class Workbench {
         button("Blink", "blink", news.models.length < 2 || (news.at === 0 && this.blinkWith === null), () => void this.blink(), { "aria-pressed": String(this.blinker !== 0) }),
         h("details", { class: "menu" }, h("summary", { "data-key": "export" }, "Export"), h("ul", {}, ...exports.map((what) => h("li", {}, h("a", { href: `/api/sessions/${this.id}/export/${what}`, download: what, "data-key": what, click: (event: Event) => void this.exported(event, what) }, what))))),
         chooser("Load", () => this.id, this.open, (error) => this.failed(error)),
-        button("Light / dark", "theme", false, theme),
+        button("Light / dark", "theme", false, turnTheme),
       ),
     );
   }

@@ -1,5 +1,6 @@
 //! `retina optics search`.
 
+use std::collections::BTreeMap;
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -10,8 +11,8 @@ use retina_geometry::Setup;
 use retina_optics::constraints::{BenchLimits, PaperModel};
 use retina_optics::design::{BenchLenses, MatchBy, bench_design};
 use retina_optics::search::{
-    Configuration, Limit, NearestMiss, Phase, SearchObserver, SearchProgress, SearchReport, SearchRequest,
-    SearchedDesign, SearchedLens, pareto_figure, search,
+    Configuration, Limit, NearestMiss, Phase, Removed, SearchObserver, SearchProgress, SearchReport,
+    SearchRequest, SearchedDesign, SearchedLens, pareto_figure, search,
 };
 
 use super::bench::{Matching, camera_and_screen};
@@ -105,8 +106,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report = report?;
     if report.designs.is_empty() {
         if arguments.output.document.json {
-            let document = Matched { match_by: request.match_by, report: &report };
-            arguments.output.print("search", &document, Vec::new)?;
+            arguments.output.print("search", &Matched::new(&report, &request), Vec::new)?;
         }
         return Err(Failure::new(nothing_found(&report)));
     }
@@ -114,16 +114,42 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = &arguments.out {
         write_design(file, usize::from(arguments.rank), &report, &request)?;
     }
-    let document = Matched { match_by: request.match_by, report: &report };
-    arguments.output.print("search", &document, || table(&report, &request))
+    arguments.output.print("search", &Matched::new(&report, &request), || table(&report, &request))
 }
 
-/// The document: the report's own keys and how the magnifications were chosen.
+/// The document: the report's own keys, how the magnifications were chosen, and each design's prescriptions.
 #[derive(serde::Serialize)]
 struct Matched<'a> {
     match_by: MatchBy,
+    pupil_collimator_mm: f64,
+    designs: Vec<WithPrescriptions<'a>>,
+    removed: &'a [Removed],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    nearest_miss: Option<&'a NearestMiss>,
+}
+
+/// A design, with the text of a prescription for each configuration.
+#[derive(serde::Serialize)]
+struct WithPrescriptions<'a> {
     #[serde(flatten)]
-    report: &'a SearchReport,
+    design: &'a SearchedDesign,
+    prescriptions: BTreeMap<String, String>,
+}
+
+impl<'a> Matched<'a> {
+    fn new(report: &'a SearchReport, request: &SearchRequest) -> Self {
+        let with = |design: &'a SearchedDesign| WithPrescriptions {
+            design,
+            prescriptions: design.prescriptions(request).into_iter().collect(),
+        };
+        Self {
+            match_by: request.match_by,
+            pupil_collimator_mm: report.pupil_collimator_mm,
+            designs: report.designs.iter().map(with).collect(),
+            removed: &report.removed,
+            nearest_miss: report.nearest_miss.as_ref(),
+        }
+    }
 }
 
 /// Why there is no design, and what comes nearest to one.

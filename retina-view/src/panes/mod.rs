@@ -1,0 +1,93 @@
+//! The panes beside the workbench: sequences, live scenes, the bench, lens systems, results. What they show lies in the
+//! given paths or ships with the program; nothing of them is kept but in the page's address.
+
+mod bench;
+mod live;
+mod optics;
+mod pose;
+mod results;
+mod sequence;
+
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use axum::Router;
+use axum::http::{HeaderName, HeaderValue};
+use axum::response::{IntoResponse as _, Response};
+use retina_geometry::Setup;
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::api::App;
+use crate::failure::Refusal;
+
+/// Setups that ship.
+pub(crate) const SETUPS: [(&str, &str); 2] =
+    [("wide-fov", retina_assets::WIDE_FOV_SETUP), ("narrow-fov", retina_assets::NARROW_FOV_SETUP)];
+
+/// What is held open between requests, because opening it takes longer than using it.
+#[derive(Default)]
+pub(crate) struct Held {
+    live: Mutex<live::Live>,
+    benches: Mutex<bench::Benches>,
+}
+
+pub(crate) fn routes() -> Router<Arc<App>> {
+    Router::new()
+        .merge(sequence::routes())
+        .merge(results::routes())
+        .merge(live::routes())
+        .merge(bench::routes())
+        .merge(optics::routes())
+}
+
+/// A request about a file or folder of the given paths.
+#[derive(Debug, Deserialize)]
+struct At {
+    at: String,
+}
+
+/// Work that failed beside leaves what it held as it was between two requests.
+fn locked<T>(held: &Mutex<T>) -> MutexGuard<'_, T> {
+    held.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The setup that the page names: one that ships, or a file of the given paths.
+fn setup_of(app: &App, named: &str) -> Result<Setup, Refusal> {
+    match SETUPS.iter().find(|(name, _)| *name == named) {
+        Some((name, text)) => Ok(Setup::parse(text, Path::new(name))?),
+        None => Ok(Setup::read(&app.path(named)?)?),
+    }
+}
+
+/// Numbers of an image as the page reads them: width and height as little-endian u32, then the values row by row.
+fn image_bytes<const N: usize>(
+    size_px: [usize; 2],
+    values: impl ExactSizeIterator<Item = [u8; N]>,
+) -> Vec<u8> {
+    let mut out = Vec::with_capacity(8 + N * values.len());
+    size_px.iter().for_each(|size| out.extend((*size as u32).to_le_bytes()));
+    values.for_each(|value| out.extend(value));
+    out
+}
+
+/// An image with what is known of it in a header.
+fn with_facts(bytes: Vec<u8>, kind: &'static str, facts: &Value) -> Response {
+    let mut response = ([(axum::http::header::CONTENT_TYPE, kind)], bytes).into_response();
+    // JSON of ours is ASCII but for names; those are escaped.
+    let ascii: String = facts
+        .to_string()
+        .chars()
+        .flat_map(|c| {
+            if c.is_ascii() {
+                vec![c]
+            } else {
+                c.escape_unicode().filter(|c| *c != '{' && *c != '}').collect()
+            }
+        })
+        .collect();
+    if let Ok(value) = HeaderValue::from_str(&ascii) {
+        response.headers_mut().insert(HeaderName::from_static("x-retina"), value);
+    }
+    response
+}

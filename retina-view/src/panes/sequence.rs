@@ -1,0 +1,86 @@
+//! Rendered sequences: what a folder holds, and its frames one by one.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use axum::Router;
+use axum::extract::{Path as Route, Query, State};
+use axum::http::header;
+use axum::response::IntoResponse as _;
+use axum::routing::get;
+use retina_batch::{FolderState, read_exr};
+use retina_files::{InputError, read_bytes, read_text};
+use serde_json::{Value, json};
+
+use super::{At, image_bytes};
+use crate::api::{Answer, App, Shared, beside, bytes_of, json_of};
+use crate::failure::Refusal;
+use crate::session::file_name;
+
+pub(super) fn routes() -> Router<Arc<App>> {
+    Router::new()
+        .route("/api/sequence", get(about))
+        .route("/api/sequence/image/{frame}", get(image))
+        .route("/api/sequence/truth/{frame}", get(truth))
+        .route("/api/sequence/layer/{frame}/{name}", get(layer))
+}
+
+/// A file of a frame, of those that a run writes.
+fn file_of(dir: &Path, kind: &str, frame: usize, extension: &str) -> PathBuf {
+    dir.join(kind).join(format!("{frame:06}.{extension}"))
+}
+
+async fn about(State(app): Shared, Query(at): Query<At>) -> Answer {
+    beside(move || {
+        let dir = app.path(&at.at)?;
+        let state = FolderState::read(&dir, false)?
+            .ok_or_else(|| InputError::new(&dir, "is no folder that `retina render` wrote"))?;
+        let record_file = dir.join("batch.json");
+        let record: Value = serde_json::from_str(&read_text(&record_file)?)
+            .map_err(|error| InputError::new(&record_file, format!("is no JSON: {error}")))?;
+        let exr = state.done.first().map(|&first| file_of(&dir, "frames", first, "exr"));
+        let layers = match exr.filter(|file| file.is_file()) {
+            Some(file) => read_exr(&file)?.0.channels.into_iter().map(|(name, _)| name).collect(),
+            None => Vec::new(),
+        };
+        json_of(json!({
+            "name": file_name(&dir),
+            "frames": state.done,
+            "torn": state.torn,
+            "frames_of_sequence": state.frames_of_sequence,
+            "record": record,
+            "layers": layers,
+        }))
+    })
+    .await
+}
+
+async fn image(State(app): Shared, Route(frame): Route<usize>, Query(at): Query<At>) -> Answer {
+    beside(move || {
+        let bytes = read_bytes(&file_of(&app.path(&at.at)?, "frames", frame, "png"))?;
+        Ok(([(header::CONTENT_TYPE, "image/png")], bytes).into_response())
+    })
+    .await
+}
+
+async fn truth(State(app): Shared, Route(frame): Route<usize>, Query(at): Query<At>) -> Answer {
+    beside(move || {
+        let text = read_text(&file_of(&app.path(&at.at)?, "truth", frame, "json"))?;
+        Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
+    })
+    .await
+}
+
+async fn layer(
+    State(app): Shared,
+    Route((frame, name)): Route<(usize, String)>,
+    Query(at): Query<At>,
+) -> Answer {
+    beside(move || {
+        let (image, _) = read_exr(&file_of(&app.path(&at.at)?, "frames", frame, "exr"))?;
+        let values = image.channels.into_iter().find(|(own, _)| *own == name);
+        let (_, values) = values.ok_or_else(|| Refusal::not_found("such layer"))?;
+        bytes_of(image_bytes([image.width_px, image.height_px], values.into_iter().map(f32::to_le_bytes)))
+    })
+    .await
+}
