@@ -13,9 +13,10 @@ use crate::output::{print_json_line, tell};
 pub(crate) struct Arguments {
     /// Files and folders that the page may read.
     ///
-    /// Files are told apart by their content: tables, setups (retina.setup/1) and calibrations
-    /// (retina.calibration/1). A setup with its tables is opened at once. Of folders the page lists
-    /// what lies in them. Without a path it starts with the shipped examples.
+    /// Files and folders are told apart by their content. A setup with its tables is opened in the
+    /// workbench at once; a rendered folder, a scene, a setup, a lens system or results of navigation
+    /// in their panes. Of other folders the page lists what lies in them. Without a path it starts
+    /// with the shipped examples.
     #[arg(value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// Port on 127.0.0.1; 0 takes any free port.
@@ -46,7 +47,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             &json!({ "schema": "retina.view/1", "address": address, "session": view.session() }),
         )?;
     } else {
-        tell!("the workbench is at {address}");
+        tell!("the page is at {address}");
         tell!("Ctrl-C ends it; sessions are kept in {}", options.state_folder.display());
     }
     if !arguments.no_browser && !open_browser(&address) {

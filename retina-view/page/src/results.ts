@@ -36,8 +36,9 @@ interface Shown {
   along: (row: Row) => number;
   xLabel: string;
   plots: { label: string; series: Series[]; range: [number, number] }[];
-  /** Rows are frames of a rendered sequence. */
+  /** Rows are frames of a rendered sequence; the name of its folder, where it is known. */
   images: boolean;
+  sequence: string | null;
 }
 
 const numbers = (row: Row, key: string): number[] => (Array.isArray(row[key]) ? (row[key] as number[]) : []);
@@ -68,7 +69,7 @@ function fullDisk(title: string, document: Document, rows: Row[]): Shown {
     }
     return { label: `${axis} error (km)`, series: series.filter((own) => own.x.length > 0), range: around([...single, ...sigma, ...filtered, ...bound], 0.98) };
   });
-  return { title, rows, summary: document.summary ?? {}, along: hours, xLabel: "hours since the first frame", plots, images: true };
+  return { title, rows, summary: document.summary ?? {}, along: hours, xLabel: "hours since the first frame", plots, images: true, sequence: document.name ?? null };
 }
 
 /** The transfer: position and velocity over days. */
@@ -76,17 +77,19 @@ function transfer(title: string, document: Document, rows: Row[]): Shown {
   const days = rows.map((row) => number(row, "day"));
   const imaged = document.transfer?.imaged?.by_session ?? [];
   const plots = ["km", "m_s"].map((unit, k) => {
-    const [bound, rms] = [`three_sigma_${unit}`, `rms_${unit}`].map((key) => rows.map((row) => number(row, key))) as [number[], number[]];
+    // Thousands of km, m/s.
+    const scale = k === 0 ? 1e-3 : 1;
+    const [bound, rms] = [`three_sigma_${unit}`, `rms_${unit}`].map((key) => rows.map((row) => scale * number(row, key))) as [number[], number[]];
     const series: Series[] = [
       { name: "3 sigma of the filter", colour: "chosen", kind: "dashed", x: days, y: bound },
       { name: "rms error of the samples", colour: "data", kind: "line", x: days, y: rms },
     ];
     if (imaged.length > 0) {
-      series.push({ name: "one run on images", colour: "text", kind: "line", x: imaged.map((row) => number(row, "day")), y: imaged.map((row) => numbers(row, "error")[k] as number) });
+      series.push({ name: "one run on images", colour: "text", kind: "line", x: imaged.map((row) => number(row, "day")), y: imaged.map((row) => scale * (numbers(row, "error")[k] as number)) });
     }
-    return { label: k === 0 ? "Position error (km)" : "Velocity error (m/s)", series, range: above(bound.slice(1), 0.9) };
+    return { label: k === 0 ? "Position error (1000 km)" : "Velocity error (m/s)", series, range: above(bound.slice(1), 0.9) };
   });
-  return { title, rows, summary: document.transfer ?? {}, along: (row) => number(row, "day"), xLabel: "days since the start", plots, images: false };
+  return { title, rows, summary: document.transfer ?? {}, along: (row) => number(row, "day"), xLabel: "days since the start", plots, images: false, sequence: null };
 }
 
 /** Any list: its numbers over the row's own number. */
@@ -105,7 +108,7 @@ function list(title: string, rows: Row[], summary: Record<string, unknown>): Sho
     }
     return { label: key, series, range: y.some((v) => v < 0) ? around(y) : above(y) };
   });
-  return { title, rows, summary, along, xLabel: first, plots, images: false };
+  return { title, rows, summary, along, xLabel: first, plots, images: false, sequence: null };
 }
 
 function shownOf({ documents }: Results): Shown[] {
@@ -212,7 +215,7 @@ export class ResultsPane {
     this.kept.list = list;
     const shown = this.shown[list] as Shown;
     if (!this.runs.includes(this.kept.sequence)) {
-      this.kept.sequence = this.runs[0] ?? "";
+      this.kept.sequence = this.runs.find((path) => shown.sequence !== null && path.endsWith(`/${shown.sequence}`)) ?? this.runs[0] ?? "";
     }
     put(
       this.controls,

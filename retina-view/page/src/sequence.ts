@@ -202,16 +202,18 @@ export class Sequence {
     const look = this.look(image);
     if (this.kept.mode === "difference" && other && other.values.length === image.values.length) {
       const values = Float32Array.from(image.values, (value, k) => (other.values[k] as number) - value);
-      const most = values.reduce((most, value) => (Number.isFinite(value) ? Math.max(most, Math.abs(value)) : most), 0) || 1;
-      this.pictures[0].show({ ...image, values }, { stretch: "linear", range: [-most, most], signed: true }, over);
+      const difference = { ...image, values };
+      const most = scaleOf(values);
+      this.pictures[0].show(difference, { stretch: "linear", range: [-most, most], signed: true }, over);
+      put(this.spread, drawHistogram(difference, [-most, most]), h("p", { class: "dim" }, `Other run less this one. Blue is ${told(-most)} and below, orange ${told(most)} and above.`));
     } else {
       const shown = this.second && other ? other : image;
       this.pictures[0].show(shown, look, over);
+      put(this.spread, drawHistogram(image, look.range ?? extent(image)));
     }
     if (this.kept.mode === "beside" && other) {
       this.pictures[1].show(other, look, over);
     }
-    put(this.spread, drawHistogram(image, look.range ?? extent(image)));
   }
 
   private point(x: number, y: number): void {
@@ -294,6 +296,12 @@ export class Sequence {
 }
 
 const LAYERS: Record<string, string> = { Y: "radiance (W m^-2 sr^-1 nm^-1)", IF: "radiance factor", depth: "depth (m)", mask: "mask", incidence_deg: "incidence (deg)", emission_deg: "emission (deg)", phase_deg: "phase angle (deg)", shadow: "shadow" };
+
+/** What few of the differences exceed: those of shadows' edges would hide the rest. */
+function scaleOf(values: Float32Array): number {
+  const sizes = values.filter((value) => Number.isFinite(value) && value !== 0).map(Math.abs).sort();
+  return sizes[Math.floor(0.99 * (sizes.length - 1))] ?? 1;
+}
 
 /** How often each value comes, on a logarithmic scale. */
 function drawHistogram(image: Numbers, range: [number, number]): HTMLElement {
