@@ -265,10 +265,12 @@ pub fn obj(bytes: &[u8]) {
     with_file("body.obj", bytes, |path| drop(retina_model::load_obj(path)));
 }
 
+/// A shape of R. Gaskell's.
 pub fn icq(bytes: &[u8]) {
     with_file("body.icq", bytes, |path| drop(retina_model::load_mesh(path)));
 }
 
+/// A DSK kernel.
 pub fn dsk(bytes: &[u8]) {
     with_file("body.bds", bytes, |path| drop(retina_model::load_mesh(path)));
 }
@@ -312,10 +314,12 @@ pub fn spk(bytes: &[u8]) {
     });
 }
 
+/// A binary PCK kernel.
 pub fn bpc(bytes: &[u8]) {
     axes("kernel.bpc", bytes);
 }
 
+/// A text kernel: constants, frames, leap seconds, or a list of others.
 pub fn text_kernel(bytes: &[u8]) {
     axes("kernel.tpc", bytes);
 }

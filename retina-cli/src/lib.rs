@@ -88,6 +88,8 @@ enum Command {
     New(command::new::Arguments),
     /// Says what files are, whether they read, and what they would do.
     Check(command::check::Arguments),
+    /// Prints the JSON Schemas of files and documents, for editors and programs.
+    Schema(command::schema::Arguments),
     /// Says what this machine has: renderer, cores, memory, disk.
     Doctor(command::doctor::Arguments),
     /// Shows which graphics adapter would render.
@@ -141,6 +143,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::View(arguments) => command::view::run(&arguments),
         Command::New(arguments) => command::new::run(&arguments),
         Command::Check(arguments) => command::check::run(&arguments),
+        Command::Schema(arguments) => command::schema::run(&arguments),
         Command::Doctor(arguments) => command::doctor::run(&arguments),
         Command::Completions(arguments) => command::shell::completions(&arguments, Arguments::command()),
         Command::Man(arguments) => command::shell::man(&arguments, Arguments::command()),

@@ -179,7 +179,7 @@ impl Axes {
     fn frame(&self, asked: &Variable, name: &str) -> Result<Frame, InputError> {
         let frame = frames::frame(&self.pool, asked, name)?;
         if let Base::Pck(axes) = frame.base
-            && !self.constants.get(&axes).is_some_and(|own| own.turning.is_some())
+            && self.constants.get(&axes).is_none_or(|own| own.turning.is_none())
             && !self.segments.iter().any(|segment| segment.axes == axes)
         {
             return Err(asked
