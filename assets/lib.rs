@@ -29,3 +29,26 @@ pub const WIDE_FOV_SETUP: &str = include_str!("setups/wide-fov.toml");
 
 /// The paper's narrow configuration (50 mm objective), `retina.setup/1`.
 pub const NARROW_FOV_SETUP: &str = include_str!("setups/narrow-fov.toml");
+
+/// JSON Schemas (2020-12) of files and documents, by name: those of input files are closed.
+pub const SCHEMAS: [(&str, &str); 19] = [
+    ("calibration", include_str!("schemas/calibration.schema.json")),
+    ("check", include_str!("schemas/check.schema.json")),
+    ("compare", include_str!("schemas/compare.schema.json")),
+    ("diagnosis", include_str!("schemas/diagnosis.schema.json")),
+    ("effect", include_str!("schemas/effect.schema.json")),
+    ("error", include_str!("schemas/error.schema.json")),
+    ("far-range", include_str!("schemas/far-range.schema.json")),
+    ("fit", include_str!("schemas/fit.schema.json")),
+    ("flashes", include_str!("schemas/flashes.schema.json")),
+    ("full-disk", include_str!("schemas/full-disk.schema.json")),
+    ("geometry-calibration", include_str!("schemas/geometry-calibration.schema.json")),
+    ("investigation", include_str!("schemas/investigation.schema.json")),
+    ("navigation-limb", include_str!("schemas/navigation-limb.schema.json")),
+    ("navigation-stars", include_str!("schemas/navigation-stars.schema.json")),
+    ("optics-constraints", include_str!("schemas/optics-constraints.schema.json")),
+    ("scene", include_str!("schemas/scene.schema.json")),
+    ("setup", include_str!("schemas/setup.schema.json")),
+    ("trajectory-summary", include_str!("schemas/trajectory-summary.schema.json")),
+    ("truth", include_str!("schemas/truth.schema.json")),
+];

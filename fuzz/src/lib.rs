@@ -13,7 +13,7 @@ use retina_image::{CameraImage, Photograph, PhotographOptions, ReadOptions};
 pub type Reader = fn(&[u8]);
 
 /// All readers by the names of their corpora.
-pub const READERS: [(&str, Reader); 26] = [
+pub const READERS: [(&str, Reader); 30] = [
     ("setup", setup),
     ("scene", scene),
     ("calibration", calibration),
@@ -28,10 +28,14 @@ pub const READERS: [(&str, Reader); 26] = [
     ("glb", glb),
     ("gltf", gltf),
     ("obj", obj),
+    ("icq", icq),
+    ("dsk", dsk),
     ("exr", exr),
     ("fits", fits),
     ("raster", raster),
     ("spk", spk),
+    ("bpc", bpc),
+    ("text_kernel", text_kernel),
     ("zmx", zmx),
     ("agf", agf),
     ("corto_scene", corto_scene),
@@ -261,6 +265,16 @@ pub fn obj(bytes: &[u8]) {
     with_file("body.obj", bytes, |path| drop(retina_model::load_obj(path)));
 }
 
+/// A shape of R. Gaskell's.
+pub fn icq(bytes: &[u8]) {
+    with_file("body.icq", bytes, |path| drop(retina_model::load_mesh(path)));
+}
+
+/// A DSK kernel.
+pub fn dsk(bytes: &[u8]) {
+    with_file("body.bds", bytes, |path| drop(retina_model::load_mesh(path)));
+}
+
 /// An EXR image.
 pub fn exr(bytes: &[u8]) {
     with_file("image.exr", bytes, |path| drop(retina_batch::read_exr(path)));
@@ -296,6 +310,29 @@ pub fn spk(bytes: &[u8]) {
                     places.iter().all(|state| state.position_m.is_finite() && state.velocity_m_s.is_finite())
                 );
             }
+        }
+    });
+}
+
+/// A binary PCK kernel.
+pub fn bpc(bytes: &[u8]) {
+    axes("kernel.bpc", bytes);
+}
+
+/// A text kernel: constants, frames, leap seconds, or a list of others.
+pub fn text_kernel(bytes: &[u8]) {
+    axes("kernel.tpc", bytes);
+}
+
+fn axes(name: &str, bytes: &[u8]) {
+    with_file(name, bytes, |path| {
+        let Ok(ephemeris) = retina_sky::ephemeris::Ephemeris::read(&[path.to_path_buf()]) else { return };
+        for body in ["moon", "earth", "mars", "pebble"] {
+            for tdb_s in [-1e9, 8.5851e8, 8.6e8] {
+                let _ = ephemeris.body_from_inertial(body, tdb_s);
+            }
+            let _ = ephemeris.axes_source(body);
+            let _ = ephemeris.semi_axes_m(body);
         }
     });
 }

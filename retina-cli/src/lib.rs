@@ -22,6 +22,12 @@ use failure::Failure;
 #[derive(Parser)]
 #[command(name = "retina", version, arg_required_else_help = true)]
 struct Arguments {
+    /// Tell nothing but errors: no progress, no notes.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Tell on standard error which files are read and written, and how long the command took.
+    #[arg(short, long, global = true)]
+    verbose: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -88,6 +94,8 @@ enum Command {
     New(command::new::Arguments),
     /// Says what files are, whether they read, and what they would do.
     Check(command::check::Arguments),
+    /// Prints the JSON Schemas of files and documents, for editors and programs.
+    Schema(command::schema::Arguments),
     /// Says what this machine has: renderer, cores, memory, disk.
     Doctor(command::doctor::Arguments),
     /// Shows which graphics adapter would render.
@@ -113,6 +121,17 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             return u8::try_from(error.exit_code()).unwrap_or(2);
         }
     };
+    output::be_quiet(arguments.quiet);
+    let (verbose, began) = (arguments.verbose, std::time::Instant::now());
+    if verbose {
+        retina_files::watch_files(|deed, path, bytes| {
+            let deed = match deed {
+                retina_files::Deed::Read => "read",
+                retina_files::Deed::Wrote => "wrote",
+            };
+            output::tell!("{deed} {}, {bytes} bytes", path.display());
+        });
+    }
     let result = match arguments.command {
         Command::Render(arguments) => command::render::run(arguments),
         Command::Plan(arguments) => command::cluster::plan::run(&arguments),
@@ -141,11 +160,15 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::View(arguments) => command::view::run(&arguments),
         Command::New(arguments) => command::new::run(&arguments),
         Command::Check(arguments) => command::check::run(&arguments),
+        Command::Schema(arguments) => command::schema::run(&arguments),
         Command::Doctor(arguments) => command::doctor::run(&arguments),
         Command::Completions(arguments) => command::shell::completions(&arguments, Arguments::command()),
         Command::Man(arguments) => command::shell::man(&arguments, Arguments::command()),
         Command::Adapter(arguments) => command::adapter::run(&arguments),
     };
+    if verbose {
+        output::tell!("took {:.3} s", began.elapsed().as_secs_f64());
+    }
     match result {
         Ok(()) => 0,
         Err(failure) => {

@@ -17,8 +17,29 @@ macro_rules! tell {
 }
 pub(crate) use tell;
 
-/// A line on standard error, as [`tell!`] writes it.
+/// Whether only errors are told (`--quiet`).
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Has only errors told from here on.
+pub(crate) fn be_quiet(quiet: bool) {
+    QUIET.store(quiet, Ordering::Relaxed);
+}
+
+/// Whether standard error is a terminal on which progress is to be drawn.
+pub(crate) fn shows_progress() -> bool {
+    use io::IsTerminal as _;
+    !QUIET.load(Ordering::Relaxed) && io::stderr().is_terminal()
+}
+
+/// A line on standard error, as [`tell!`] writes it; none if the user wants errors only.
 pub(crate) fn tell_line(text: fmt::Arguments<'_>) {
+    if !QUIET.load(Ordering::Relaxed) {
+        tell_result(text);
+    }
+}
+
+/// A line on standard error without which the command is of no use.
+pub(crate) fn tell_result(text: fmt::Arguments<'_>) {
     // Where this fails there is nobody left to be told.
     let _ = writeln!(io::stderr(), "retina: {text}");
 }

@@ -1,9 +1,8 @@
 //! How far a run is, on standard error.
 
-use std::io::IsTerminal as _;
 use std::time::{Duration, Instant};
 
-use crate::output::tell;
+use crate::output::{shows_progress, tell};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use retina_batch::{Observer, Progress};
 
@@ -19,7 +18,7 @@ pub(crate) struct Reporter {
 
 impl Reporter {
     pub(crate) fn new() -> Self {
-        let bar = std::io::stderr().is_terminal().then(|| {
+        let bar = shows_progress().then(|| {
             let style = ProgressStyle::with_template(
                 "{wide_bar} {pos}/{len} frames, {per_sec}, {elapsed} elapsed, {eta} left",
             );
@@ -74,7 +73,8 @@ pub(crate) fn counter(length: u64, unit: &str) -> ProgressBar {
     let style = ProgressStyle::with_template(&format!(
         "{{wide_bar}} {{pos}}/{{len}} {unit}, {{elapsed}} elapsed, {{eta}} left"
     ));
-    let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr())
+    let target = if shows_progress() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let bar = ProgressBar::with_draw_target(Some(length), target)
         .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.enable_steady_tick(Duration::from_millis(500));
     bar

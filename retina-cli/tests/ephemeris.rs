@@ -71,7 +71,7 @@ fn a_scene_shows_the_planets_where_its_kernel_has_them() {
     write_kernel(&fixture.path("sky.bsp"), &solar_system()[..9]);
     assert_refused(&fixture.render("new", &[]), &["earth (NAIF 399)", "sky.bsp"]);
     fixture.write("scene.toml", &scene.replace("sky.bsp", "setup.toml"));
-    assert_refused(&fixture.render("new", &[]), &["is no SPK kernel"]);
+    assert_refused(&fixture.render("new", &[]), &["is no SPICE kernel"]);
     fixture.write("scene.toml", &scene.replace("sky.bsp", "none.bsp"));
     assert_refused(&fixture.render("new", &[]), &["`ephemeris.kernels`", "none.bsp"]);
 }
@@ -138,7 +138,7 @@ fn star_images_take_the_kernel_where_a_position_is_known() {
     for (more, said) in [
         (&["--ephemeris", bsp.as_str()][..], "--position-m"),
         (&["--time", "2026-01-01", "--position-m", "earth", "--ephemeris", &bsp], "no ephemeris of"),
-        (&["--time", EPOCH, "--position-m", "earth", "--ephemeris", &image], "is no SPK kernel"),
+        (&["--time", EPOCH, "--position-m", "earth", "--ephemeris", &image], "is no SPICE kernel"),
     ] {
         assert_refused(&run(more), &[said]);
     }
@@ -164,4 +164,32 @@ fn a_far_range_folder_belongs_to_its_kernel() {
     assert_refused(&run("ephemeris = [\"sky.bsp\"]", "theory"), &["holds poses of another scenario"]);
     fs::write(path("sky.bsp"), kernel(&solar_system(), FROM_S, 20)).unwrap();
     assert_refused(&run("ephemeris = [\"sky.bsp\"]", "short"), &["sky.bsp", "no ephemeris of"]);
+}
+
+#[test]
+fn a_meta_kernel_turns_bodies_and_results_say_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let kernels = concat!(env!("CARGO_MANIFEST_DIR"), "/../retina-sky/tests/spice");
+    let out = folder.path().join("halo.csv").to_str().unwrap().to_owned();
+    let halo = |kernel: &str| {
+        let kernel = format!("{kernels}/{kernel}");
+        let frames = ["--frames", "2", "--step-s", "60", "--epoch", "2027-03-20", "--json"];
+        retina(
+            &[&["trajectory", "--kind", "lumio-halo", "--out", &out, "--ephemeris", &kernel], &frames[..]]
+                .concat(),
+        )
+    };
+    let document = json(&halo("constants.tpc"));
+    assert_eq!(document["ephemeris"], "analytic, constants.tpc");
+    assert_eq!(document["axes"], "IAU constants of constants.tpc");
+    let by_text = fs::read_to_string(&out).unwrap();
+    assert_eq!(json(&halo("all.tm"))["axes"], "MOON_ME (axes.bpc, frames.tf)");
+    // The fixture's angles are not the real Moon's.
+    assert_ne!(by_text, fs::read_to_string(&out).unwrap());
+    let checked = json(&retina(&["check", &format!("{kernels}/all.tm"), "--json"]));
+    let says = checked["files"][0]["says"].to_string();
+    assert!(
+        says.contains("leap.tls, constants.tpc, axes.bpc, frames.tf") && says.contains("moon (NAIF 301)"),
+        "{says}"
+    );
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 use retina_files::{InputError, hash_file};
-use retina_model::{Layout, ModelKind, external_files, load_body, load_obj};
+use retina_model::{Layout, ModelKind, external_files, load_body, load_mesh};
 use retina_radiometry::{Lambert, PhaseFunction, Photometry};
 use retina_scene::{BodyParts, Shading};
 
@@ -158,8 +158,8 @@ pub(crate) fn load_shape(
             };
             (shape, layout)
         }
-        ModelKind::Obj => {
-            let loaded = load_obj(&source.file)?;
+        ModelKind::Obj | ModelKind::Icq | ModelKind::Dsk => {
+            let loaded = load_mesh(&source.file)?;
             notes.extend(loaded.notes.iter().map(|note| format!("{name}: {note}")));
             let mut shape = loaded.body;
             // CORTO has Blender shade an OBJ smoothly, which normals of its own do too.

@@ -8,6 +8,7 @@
 //! - [`decode_image`]: PNG, TIFF and JPEG, within limits that are checked first.
 //! - [`FitsHeader`]: headers of FITS files.
 //! - [`write_atomic`]: a file exists whole or not at all.
+//! - [`watch_files`]: who wants to know which files are read and written.
 //! - [`hash_bytes`], [`hash_file`]: BLAKE3, for manifests.
 
 mod error;
@@ -16,6 +17,7 @@ mod picture;
 mod shorten;
 mod table;
 mod toml_file;
+mod watch;
 mod write;
 
 pub use error::{InputError, Place, Snippet};
@@ -23,4 +25,5 @@ pub use fits::FitsHeader;
 pub use picture::{MOST_IMAGE_PIXELS, decode_image};
 pub use table::Table;
 pub use toml_file::{nearest, parse_schema, parse_toml, read_schema, read_toml};
+pub use watch::{Deed, Watcher, watch_files};
 pub use write::{hash_bytes, hash_file, read_bytes, read_text, write_atomic, write_new};

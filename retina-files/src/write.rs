@@ -4,6 +4,7 @@ use std::io::{Read as _, Write as _};
 use std::path::Path;
 
 use crate::InputError;
+use crate::watch::{Deed, tell};
 
 /// Writes `bytes` to `path` so that the file exists whole or not at all, whenever the process
 /// is killed or the power fails: into a temporary file in the same folder, which is brought to the disk and then
@@ -14,7 +15,9 @@ use crate::InputError;
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let folder = folder_of(path);
     written_beside(folder, bytes)?.persist(path).map_err(|error| error.error)?;
-    sync_folder(folder)
+    sync_folder(folder)?;
+    tell(Deed::Wrote, path, bytes.len());
+    Ok(())
 }
 
 /// As [`write_atomic`], but leaves a file that is there as it is, also one that another process writes at the same
@@ -25,7 +28,11 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 pub fn write_new(path: &Path, bytes: &[u8]) -> std::io::Result<bool> {
     let folder = folder_of(path);
     match written_beside(folder, bytes)?.persist_noclobber(path) {
-        Ok(_) => sync_folder(folder).map(|()| true),
+        Ok(_) => {
+            sync_folder(folder)?;
+            tell(Deed::Wrote, path, bytes.len());
+            Ok(true)
+        }
         Err(error) if error.error.kind() == std::io::ErrorKind::AlreadyExists => Ok(false),
         Err(error) => Err(error.error),
     }
@@ -91,6 +98,7 @@ fn read_within(path: &Path, most_bytes: u64) -> Result<Vec<u8>, InputError> {
             .found(format!("{} bytes", kind.len().max(bytes.len() as u64)))
             .expected(format!("at most {most_bytes} bytes")));
     }
+    tell(Deed::Read, path, bytes.len());
     Ok(bytes)
 }
 

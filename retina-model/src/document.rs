@@ -303,8 +303,8 @@ pub(crate) fn image_bytes<'d>(
 /// # Errors
 /// As loading: the document cannot be parsed, or a URI is refused.
 pub fn external_files(path: &Path) -> Result<Vec<std::path::PathBuf>, InputError> {
-    if crate::ModelKind::of(path)? == crate::ModelKind::Obj {
-        // Its materials are not read.
+    if crate::ModelKind::of(path)? != crate::ModelKind::Gltf {
+        // An OBJ's materials are not read, and the others have none.
         return Ok(Vec::new());
     }
     let bytes = read_bytes(path)?;

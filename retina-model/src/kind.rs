@@ -5,7 +5,10 @@ use std::path::Path;
 use retina_files::InputError;
 
 use crate::body::Body;
+use crate::dsk::load_dsk;
+use crate::icq::load_icq;
 use crate::load::load_gltf;
+use crate::obj::{ObjBody, load_obj};
 
 /// Kinds of model files that are read, by the file name's extension.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,6 +17,10 @@ pub enum ModelKind {
     Gltf,
     /// `.obj`.
     Obj,
+    /// `.icq`: R. Gaskell's shapes.
+    Icq,
+    /// `.bds`, `.dsk`: SPICE's DSK kernels.
+    Dsk,
 }
 
 impl ModelKind {
@@ -26,26 +33,42 @@ impl ModelKind {
         match extension.as_str() {
             "glb" | "gltf" => Ok(Self::Gltf),
             "obj" => Ok(Self::Obj),
+            "icq" => Ok(Self::Icq),
+            "bds" | "dsk" => Ok(Self::Dsk),
             _ => Err(InputError::new(path, "the body's file is of a kind that is not read here")
                 .found(if extension.is_empty() {
                     "no extension".to_owned()
                 } else {
                     format!("`.{}`", extension.escape_default())
                 })
-                .expected("`.glb`, `.gltf` or `.obj`")
+                .expected("`.glb`, `.gltf`, `.obj`, `.icq`, `.bds` or `.dsk`")
                 .help("export the body in one of these formats")),
         }
     }
 }
 
-/// Loads a body from a `.glb`, `.gltf` or `.obj` file; an OBJ's materials are not read (see
-/// [`crate::load_obj`]).
+/// Loads a body from a file of any [`ModelKind`]; an OBJ's materials are not read (see [`crate::load_obj`]). glTF and OBJ
+/// are in metres, ICQ and DSK in kilometres.
 ///
 /// # Errors
-/// Another extension; whatever [`crate::load_obj`] or the glTF reader refuses.
+/// Another extension; whatever the kind's reader refuses.
 pub fn load_body(path: &Path) -> Result<Body, InputError> {
     match ModelKind::of(path)? {
         ModelKind::Gltf => load_gltf(path),
-        ModelKind::Obj => Ok(crate::load_obj(path)?.body),
+        ModelKind::Obj | ModelKind::Icq | ModelKind::Dsk => Ok(load_mesh(path)?.body),
+    }
+}
+
+/// Loads a mesh that has no materials: a `.obj`, `.icq`, `.bds` or `.dsk` file.
+///
+/// # Errors
+/// A glTF file or another extension; whatever the kind's reader refuses.
+pub fn load_mesh(path: &Path) -> Result<ObjBody, InputError> {
+    match ModelKind::of(path)? {
+        ModelKind::Obj => load_obj(path),
+        ModelKind::Icq => load_icq(path),
+        ModelKind::Dsk => load_dsk(path),
+        ModelKind::Gltf => Err(InputError::new(path, "a glTF file is no mesh without materials")
+            .expected("`.obj`, `.icq`, `.bds` or `.dsk`")),
     }
 }

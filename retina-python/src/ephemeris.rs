@@ -8,7 +8,6 @@ use pyo3::types::PyDict;
 use retina::glam::DVec3;
 use retina::sky::ephemeris::{Ephemeris, EphemerisError};
 use retina::sky::observer::Observer;
-use retina::sky::orientation::body_from_inertial;
 use retina::sky::planets::{Planet, seen_planet};
 use retina::sky::site::Site;
 use retina::sky::time::{format_epoch_tdb, parse_epoch};
@@ -136,6 +135,36 @@ impl PyEphemeris {
         Ok((position_m.to_array(), velocity_m_s.to_array()))
     }
 
+    /// Rotations from inertial to a body's axes at these times, scalar-first quaternions of shape (times, 4).
+    fn orientations<'py>(
+        &self,
+        py: Python<'py>,
+        body: &str,
+        tdb_s: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let mut turned = Vec::new();
+        for &tdb_s in tdb_s.as_array() {
+            let Some(turn) = self.ephemeris.body_from_inertial(body, tdb_s).map_err(Failure::from)? else {
+                let expected = "moon, earth, mars, saturn, uranus, or a body of a PCK kernel";
+                return Err(
+                    Failure::argument("body", "has no known axes", format!("\"{body}\""), expected).into()
+                );
+            };
+            turned.push(scalar_first(turn).to_vec());
+        }
+        rows(py, turned, 4)
+    }
+
+    /// What turns a body where it is a kernel.
+    fn axes_source(&self, body: &str) -> Option<String> {
+        self.ephemeris.axes_source(body)
+    }
+
+    /// A body's semi-axes by kernels, m.
+    fn semi_axes_m(&self, body: &str) -> Option<[f64; 3]> {
+        self.ephemeris.semi_axes_m(body).map(|axes_m| axes_m.to_array())
+    }
+
     /// The first new Moon after an epoch, TDB seconds since J2000.
     fn next_new_moon_s(&self, after_tdb_s: f64) -> PyResult<f64> {
         Ok(self.ephemeris.next_new_moon_s(after_tdb_s).map_err(Failure::from)?)
@@ -147,25 +176,6 @@ fn rows(py: Python<'_>, rows: Vec<Vec<f64>>, columns: usize) -> PyResult<Bound<'
         true => PyArray2::zeros(py, [0, columns], false),
         false => PyArray2::from_vec2(py, &rows)?,
     })
-}
-
-/// Rotations from inertial to a body's axes at these times, scalar-first quaternions of shape (times, 4).
-#[pyfunction]
-pub(crate) fn orientations<'py>(
-    py: Python<'py>,
-    body: &str,
-    tdb_s: PyReadonlyArray1<'py, f64>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let turned: Option<Vec<Vec<f64>>> = tdb_s
-        .as_array()
-        .iter()
-        .map(|&tdb_s| body_from_inertial(body, tdb_s).map(|turn| scalar_first(turn).to_vec()))
-        .collect();
-    let Some(turned) = turned else {
-        let expected = "moon, earth, mars, saturn or uranus";
-        return Err(Failure::argument("body", "has no known axes", format!("\"{body}\""), expected).into());
-    };
-    rows(py, turned, 4)
 }
 
 /// An epoch in ISO 8601 as TDB seconds since J2000.

@@ -36,7 +36,7 @@ mod _native {
     #[pymodule_export]
     use crate::command::run_command;
     #[pymodule_export]
-    use crate::ephemeris::{PyEphemeris, format_time, orientations, parse_time};
+    use crate::ephemeris::{PyEphemeris, format_time, parse_time};
     #[pymodule_export]
     use crate::frames::{PyFrameMaker, grey_png_bytes, screen_png_bytes};
     #[pymodule_export]

@@ -148,8 +148,7 @@ fn known_body(py: Python<'_>, body: BodyOf<'_>, turn: Option<DMat3>) -> PyResult
                 py.detach(|| KnownBody::mesh(&PathBuf::from(&name), turn))
             }
             None => {
-                let expected =
-                    "\"moon\", a planet such as \"earth\", a mesh (.glb, .gltf, .obj), or semi-axes in m";
+                let expected = "\"moon\", a planet such as \"earth\", a mesh (.glb, .gltf, .obj, .icq, .bds), or semi-axes in m";
                 return Err(Failure::argument("body", "is not known", format!("\"{name}\""), expected).into());
             }
         },

@@ -7,7 +7,6 @@ use retina_render::{BodyState, FrameState};
 use retina_sky::BodyPose;
 use retina_sky::ephemeris::{EphemerisError, LIGHT_SPEED_M_S};
 use retina_sky::observer::Observer;
-use retina_sky::orientation::body_from_inertial;
 use retina_sky::planets::{Planet, seen_planet};
 
 use crate::Scene;
@@ -74,6 +73,15 @@ impl Scene {
         })
     }
 
+    /// The kernel that turns a body, where one does: a trajectory's columns come first, and a scene without stars takes
+    /// no axes from an ephemeris.
+    pub(crate) fn axes_by_kernel(&self, name: &str) -> Option<String> {
+        let given = self.trajectory.given.get(name).copied().unwrap_or_default();
+        let by_ephemeris =
+            if given.orientation { self.trajectory.turned_by_ephemeris } else { self.stars.is_some() };
+        by_ephemeris.then(|| self.ephemeris.axes_source(name)).flatten()
+    }
+
     /// Where a body is: from the trajectory's columns; without them at the origin, aligned, or, in
     /// a scene with stars, where the ephemeris has it as seen from the camera.
     fn body_pose(&self, index: usize, name: &str) -> Result<BodyPose, InputError> {
@@ -113,10 +121,11 @@ impl Scene {
         let body_from_inertial = if given.orientation {
             at.body_from_inertial
         } else {
-            body_from_inertial(name, pose.time_s - light_time_s).ok_or_else(|| {
+            let known = self.ephemeris.body_from_inertial(name, pose.time_s - light_time_s);
+            known.map_err(|error| wrong(&error))?.ok_or_else(|| {
                 missing(
                     format!("nothing says how the body `{name}` is turned"),
-                    &format!("columns {name}_from_inertial_w, _x, _y, _z, or one of moon, earth, mars, saturn, uranus, whose axes are known"),
+                    &format!("columns {name}_from_inertial_w, _x, _y, _z, one of moon, earth, mars, saturn, uranus, whose axes are known, or a PCK kernel that has the body"),
                 )
             })?
         };

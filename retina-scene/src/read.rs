@@ -97,7 +97,7 @@ impl Scene {
 
         let mut bodies = Vec::new();
         for table in &file.body {
-            bodies.push(read_body(path, folder, table)?);
+            bodies.push(read_body(path, folder, table, &ephemeris)?);
             let model_file = folder.join(&table.model);
             input(format!("body {}", table.name), hash_file(&model_file)?);
             for external in external_files(&model_file)? {
@@ -258,7 +258,12 @@ fn check_names(path: &Path, bodies: &[BodyTable]) -> Result<(), InputError> {
     Ok(())
 }
 
-fn read_body(path: &Path, folder: &Path, table: &BodyTable) -> Result<BodyParts, InputError> {
+fn read_body(
+    path: &Path,
+    folder: &Path,
+    table: &BodyTable,
+    ephemeris: &Ephemeris,
+) -> Result<BodyParts, InputError> {
     let place = format!("body `{}`", table.name);
     let photometry = table.photometry.resolve(path, &place)?;
     let mut shape = load_body(&folder.join(&table.model)).map_err(|error| error.named_by(path, "model"))?;
@@ -272,7 +277,9 @@ fn read_body(path: &Path, folder: &Path, table: &BodyTable) -> Result<BodyParts,
         }
         (Some(radius_m), None) => Some(DVec3::splat(radius_m)),
         (None, Some(axes_m)) => Some(DVec3::from_array(axes_m)),
-        (None, None) => (table.name == "moon").then_some(DVec3::splat(MOON_RADIUS_M)),
+        (None, None) => ephemeris
+            .semi_axes_m(&table.name)
+            .or_else(|| (table.name == "moon").then_some(DVec3::splat(MOON_RADIUS_M))),
     };
     Ok(BodyParts {
         name: table.name.clone(),

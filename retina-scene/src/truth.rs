@@ -37,6 +37,9 @@ impl Scene {
                 "reference_semi_axes_m": body.reference_semi_axes_m.to_array(),
                 "limb_ellipse_px": limb.map(ellipse),
             });
+            if let (Some(source), Some(entry)) = (self.axes_by_kernel(&body.name), entry.as_object_mut()) {
+                entry.insert("axes".into(), json!(source));
+            }
             if let (Some(shown), Some(entry)) = (unresolved, entry.as_object_mut())
                 && at.position_camera_m.z > 0.0
             {

@@ -17,22 +17,25 @@
 //! body or an epoch there is an error: the theories never stand in for them.
 
 mod kernels;
-mod records;
+pub(crate) mod records;
 mod spk;
 mod table;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use retina_files::InputError;
 use sofars::eph::{epv00, moon98};
 use thiserror::Error;
 
 pub use self::kernels::KernelFile;
 use self::kernels::Kernels;
+pub(crate) use self::spk::SPK_KIND;
 pub use self::table::{BODIES, EphemerisTable};
+use crate::orientation;
 use crate::planets::Planet;
+use crate::spice::{self, Axes};
 use crate::time::{J2000_JD, format_epoch_tdb};
 use crate::{CENTURY_D, DAY_S};
 
@@ -83,6 +86,23 @@ pub enum EphemerisError {
         tdb_s: f64,
         /// What hinders.
         reason: String,
+    },
+    /// An epoch at which no kernel says how a body is turned, though one does at others.
+    #[error(
+        "no axes of {body} at {} in {kernels}, which has them from {} to {}",
+        format_epoch_tdb(*.tdb_s), format_epoch_tdb(*.from_s), format_epoch_tdb(*.to_s)
+    )]
+    AxesNotCovered {
+        /// The paths of those that turn the body.
+        kernels: String,
+        /// The body's name and NAIF's number.
+        body: String,
+        /// The epoch asked for, TDB seconds since J2000.
+        tdb_s: f64,
+        /// The first epoch of the kernels, TDB seconds since J2000.
+        from_s: f64,
+        /// The last one.
+        to_s: f64,
     },
 }
 
@@ -141,7 +161,16 @@ impl SolarSystem {
 /// The planets' places are [`Ephemeris::position_m`]'s.
 #[derive(Debug, Clone, Default)]
 pub struct Ephemeris {
-    kernels: Option<Arc<Kernels>>,
+    loaded: Option<Arc<Loaded>>,
+}
+
+/// What was read of kernels.
+#[derive(Debug)]
+struct Loaded {
+    files: Vec<KernelFile>,
+    /// SPK kernels, if there is one.
+    places: Option<Kernels>,
+    axes: Axes,
 }
 
 impl PartialEq for Ephemeris {
@@ -158,34 +187,81 @@ impl Ephemeris {
         Self::default()
     }
 
-    /// SPK kernels, or the theories where none is named. Where two kernels give a body at the same time, the later
-    /// one counts. All are held in memory.
+    /// SPICE kernels, or the theories where none is named. All are held in memory.
+    ///
+    /// SPK kernels replace the theories of places; where two give a body at the same time, the later one counts. Text
+    /// and binary PCK kernels and frame kernels say how bodies are turned, in the stead of the built-in elements, and
+    /// how large they are. Leap-second kernels are compared with the leap seconds of [`crate::time`]. A meta-kernel
+    /// stands for those that it names.
     ///
     /// # Errors
-    /// A file cannot be read, is no binary little-endian SPK kernel, is damaged or cut short, or places a planet
-    /// along other axes than J2000's.
+    /// A file cannot be read, is of another kind, is damaged or cut short, or says what is not read.
     pub fn read(kernels: &[PathBuf]) -> Result<Self, InputError> {
         if kernels.is_empty() {
             return Ok(Self::analytic());
         }
-        Ok(Self { kernels: Some(Arc::new(Kernels::read(kernels)?)) })
+        let mut places = Kernels::new();
+        let sorted = spice::read(kernels, |file, bytes| places.add(file, bytes))?;
+        let loaded = Loaded { files: sorted.files, places: places.finish()?, axes: sorted.axes };
+        Ok(Self { loaded: Some(Arc::new(loaded)) })
     }
 
-    /// The kernels' files in their order; none of the theories.
+    /// The kernels' files in their order, those that a meta-kernel names in its place; none of the theories.
     pub fn kernel_files(&self) -> &[KernelFile] {
-        self.kernels.as_ref().map_or(&[], |kernels| kernels.files())
+        self.loaded.as_ref().map_or(&[], |loaded| &loaded.files)
     }
 
-    /// What results name: `analytic`, or the kernels' names.
+    /// What results name: `analytic`, or the kernels' names; `analytic` and names where no kernel has places.
     pub fn name(&self) -> String {
-        match self.kernel_files() {
-            [] => "analytic".to_owned(),
-            files => files.iter().map(KernelFile::name).collect::<Vec<_>>().join(", "),
-        }
+        let theories = self.kernels().is_none().then(|| "analytic".to_owned());
+        let files = self.kernel_files().iter().map(KernelFile::name);
+        theories.into_iter().chain(files).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Whether places are those of the theories.
+    pub fn is_analytic(&self) -> bool {
+        self.kernels().is_none()
     }
 
     pub(crate) fn kernels(&self) -> Option<&Kernels> {
-        self.kernels.as_deref()
+        self.loaded.as_ref()?.places.as_ref()
+    }
+
+    /// The rotation from ICRF axes to a body's (x prime meridian, z north): by kernels that turn it, otherwise by the
+    /// built-in elements ([`orientation::body_from_inertial`]); `None` for a body that neither knows.
+    ///
+    /// # Errors
+    /// Kernels turn the body, but not at this epoch (TDB seconds since J2000).
+    pub fn body_from_inertial(&self, name: &str, tdb_s: f64) -> Result<Option<DQuat>, EphemerisError> {
+        if let Some(loaded) = &self.loaded
+            && let Some(turn) = loaded.axes.body_from_inertial(name, tdb_s)?
+        {
+            return Ok(Some(turn));
+        }
+        Ok(orientation::body_from_inertial(name, tdb_s))
+    }
+
+    /// What turns a body where it is a kernel: the frame or the constants, and their files.
+    pub fn axes_source(&self, name: &str) -> Option<String> {
+        self.loaded.as_ref()?.axes.source(name)
+    }
+
+    /// The bodies that kernels turn, by name and NAIF's number.
+    pub fn turned_bodies(&self) -> Vec<String> {
+        self.loaded.as_ref().map(|loaded| loaded.axes.bodies()).unwrap_or_default()
+    }
+
+    /// A body's semi-axes by kernels, m, along its own axes.
+    pub fn semi_axes_m(&self, name: &str) -> Option<DVec3> {
+        self.loaded.as_ref()?.axes.semi_axes_m(name)
+    }
+
+    /// A planet's equatorial and polar radius, m: by kernels, otherwise [`Planet::radius_m`].
+    pub fn radii_m(&self, planet: Planet) -> [f64; 2] {
+        match self.semi_axes_m(planet.name()) {
+            Some(axes_m) => [axes_m.x.max(axes_m.y), axes_m.z],
+            None => [planet.radius_m(), planet.polar_radius_m()],
+        }
     }
 
     /// Sun, Earth and Moon at an epoch (TDB seconds since J2000).
@@ -193,7 +269,7 @@ impl Ephemeris {
     /// # Errors
     /// The epoch is outside 1900-2100, or kernels lack it or a body.
     pub fn solar_system(&self, tdb_s: f64) -> Result<SolarSystem, EphemerisError> {
-        if let Some(kernels) = &self.kernels {
+        if let Some(kernels) = self.kernels() {
             let [earth, moon] = [Planet::Earth, Planet::Moon].map(|planet| kernels.planet(planet, tdb_s));
             return Ok(SolarSystem { sun: kernels.sun(tdb_s)?, earth: earth?, moon: moon? });
         }
@@ -215,7 +291,7 @@ impl Ephemeris {
     /// # Errors
     /// As [`Ephemeris::solar_system`].
     pub fn moon_from_earth(&self, tdb_s: f64) -> Result<State, EphemerisError> {
-        if let Some(kernels) = &self.kernels {
+        if let Some(kernels) = self.kernels() {
             return Ok(kernels.planet(Planet::Moon, tdb_s)?.minus(kernels.planet(Planet::Earth, tdb_s)?));
         }
         check(tdb_s)?;

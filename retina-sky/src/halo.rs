@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 use std::fmt;
 use std::path::Path;
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 use thiserror::Error;
 
@@ -22,7 +22,6 @@ use crate::cr3bp::{self, MU, TOLERANCE, dynamics, southern_l2_halo};
 use crate::ephemeris::{Ephemeris, EphemerisError};
 use crate::forces::{LUMIO_PRESSURE_AREA_M2_KG, MoonForces};
 use crate::ode::integrate;
-use crate::orientation::RotationalElements;
 use crate::shooting::{MoonState, Path as ShotPath};
 use crate::trajectory::{BodyPose, FramePose, Trajectory, look_at};
 
@@ -251,7 +250,9 @@ impl LumioHalo {
             summary.take(pose);
         }
         summary.lit_fraction /= self.frames as f64;
-        Ok((Trajectory::new(Path::new("lumio-halo"), frames), summary))
+        let mut made = Trajectory::new(Path::new("lumio-halo"), frames);
+        made.turned_by_ephemeris = true;
+        Ok((made, summary))
     }
 }
 
@@ -285,7 +286,7 @@ fn moon_state(ephemeris: &Ephemeris, tdb_s: f64, state: &cr3bp::Phase) -> Result
 /// The frame at a position and velocity relative to the Moon.
 fn frame_pose(ephemeris: &Ephemeris, tdb_s: f64, state: &MoonState) -> Result<FramePose, EphemerisError> {
     let position_m = DVec3::from_slice(&state[..3]);
-    let moon_from_inertial = RotationalElements::moon(tdb_s).body_from_inertial();
+    let moon_from_inertial = ephemeris.body_from_inertial("moon", tdb_s)?.unwrap_or(DQuat::IDENTITY);
     let bodies = ephemeris.solar_system(tdb_s)?;
     Ok(FramePose {
         time_s: tdb_s,

@@ -2,7 +2,7 @@
 //!
 //! - [`time`]: calendar epochs to and from TDB seconds since J2000.
 //! - [`ephemeris`]: Sun, Earth and Moon, in ICRF metres: by theories without a file, 1900-2100, or from SPK kernels.
-//! - [`orientation`]: IAU (WGCCRE) body-fixed axes.
+//! - [`orientation`]: IAU (WGCCRE) body-fixed axes; kernels may replace them.
 //! - [`trajectory`]: the trajectory table, one row a frame.
 //! - [`observer`]: from a geometric to an apparent direction: light deflection and aberration.
 //! - [`catalogue`]: stars, and those in a cone as a camera sees them.
@@ -30,6 +30,7 @@ pub mod orientation;
 pub mod planets;
 mod shooting;
 pub mod site;
+mod spice;
 pub mod time;
 pub mod trajectory;
 

@@ -96,7 +96,7 @@ impl RotationalElements {
         Self::from_degrees(257.311, -15.175, 203.81 - 501.160_092_8 * tdb_s / DAY_S)
     }
 
-    fn from_degrees(alpha0: f64, delta0: f64, w: f64) -> Self {
+    pub(crate) fn from_degrees(alpha0: f64, delta0: f64, w: f64) -> Self {
         Self {
             alpha0_rad: alpha0.to_radians(),
             delta0_rad: delta0.to_radians(),

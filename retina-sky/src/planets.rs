@@ -250,7 +250,7 @@ pub fn planets_in_cone(
     for planet in Planet::ALL {
         // The theories are slow: where a planet is now says whether it may be seen in the cone.
         let now_m = observer.place_earlier_m(planet, 0.0)? - observer.position_m();
-        let radius_rad = (planet.radius_m() / now_m.length()).min(1.0).asin();
+        let radius_rad = (observer.ephemeris().radii_m(planet)[0] / now_m.length()).min(1.0).asin();
         if separation_rad(now_m, axis)
             > half_angle_rad + radius_rad + GREATEST_SHIFT_RAD + observer.greatest_shift_rad()
         {
@@ -281,7 +281,7 @@ fn seen_from_now(
     now_m: DVec3,
 ) -> Result<Option<SeenPlanet>, EphemerisError> {
     let (tdb_s, bodies) = (observer.tdb_s(), observer.bodies());
-    if now_m.length() <= planet.radius_m() {
+    if now_m.length() <= observer.ephemeris().radii_m(planet)[0] {
         return Ok(None);
     }
     // Light-time: one step back by the theory, the second order by the mean velocity in between. A third
@@ -307,7 +307,7 @@ fn seen_from_now(
         distance_m,
         sun_distance_m: from_sun_m.length(),
         phase_angle_rad: illumination.phase_rad,
-        angular_radius_rad: (planet.radius_m() / distance_m).min(1.0).asin(),
+        angular_radius_rad: (observer.ephemeris().radii_m(planet)[0] / distance_m).min(1.0).asin(),
         magnitude: value,
         magnitude_extrapolated: extrapolated,
     }))

@@ -6,7 +6,6 @@ use glam::{DMat3, DQuat, DVec3};
 
 use crate::ephemeris::{Ephemeris, EphemerisError};
 use crate::observer::{Observer, ObserverError};
-use crate::orientation::body_from_inertial;
 use crate::planets::{Planet, seen_planet};
 use crate::trajectory::FramePose;
 
@@ -60,7 +59,7 @@ impl Site {
     pub fn state(&self, ephemeris: &Ephemeris, tdb_s: f64) -> Result<(DVec3, DVec3), EphemerisError> {
         let earth = ephemeris.solar_system(tdb_s)?.earth;
         let inertial_from_earth =
-            body_from_inertial("earth", tdb_s).map_or(DQuat::IDENTITY, |rotation| rotation.inverse());
+            ephemeris.body_from_inertial("earth", tdb_s)?.map_or(DQuat::IDENTITY, |turn| turn.inverse());
         let offset_m = inertial_from_earth * self.earth_fixed_m();
         let rate = inertial_from_earth * DVec3::new(0.0, 0.0, EARTH_RATE_RAD_S);
         Ok((earth.position_m + offset_m, earth.velocity_m_s + rate.cross(offset_m)))

@@ -12,7 +12,7 @@ use crate::DAY_S;
 /// Julian date of J2000.
 pub(crate) const J2000_JD: f64 = 2_451_545.0;
 /// TT - TAI, seconds (by definition).
-const TT_MINUS_TAI_S: f64 = 32.184;
+pub(crate) const TT_MINUS_TAI_S: f64 = 32.184;
 /// Years that have four digits; what lies outside has no calendar form here.
 const YEARS: std::ops::RangeInclusive<i64> = 0..=9999;
 
@@ -186,7 +186,7 @@ fn fields<const N: usize>(text: &str, separator: char, digits: [usize; N]) -> Op
 }
 
 /// TAI - UTC on the UTC day that begins `days` after 2000-01-01, from 1972 on.
-fn tai_minus_utc_s(days: i64) -> Option<f64> {
+pub(crate) fn tai_minus_utc_s(days: i64) -> Option<f64> {
     let (year, month, day) = civil(days);
     if year < 1972 {
         return None;
@@ -196,7 +196,7 @@ fn tai_minus_utc_s(days: i64) -> Option<f64> {
 
 /// Days from 2000-01-01 to a date of the proleptic Gregorian calendar (Fliegel & Van Flandern
 /// 1968, in March-based years so that the leap day comes last).
-fn days_since_j2000(year: i64, month: i64, day: i64) -> i64 {
+pub(crate) fn days_since_j2000(year: i64, month: i64, day: i64) -> i64 {
     let (march_year, march_month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
     let day_of_year = (153 * march_month + 2) / 5 + day - 1;
     // 2000-03-01 opens a 400-year cycle; 2000-01-01 lies 60 days before it.

@@ -69,6 +69,8 @@ pub struct Trajectory {
     pub frames: Vec<FramePose>,
     /// For each body, what of it was given and not assumed.
     pub given: BTreeMap<String, BodyColumns>,
+    /// Whether the ephemeris turned the bodies, and not a file or a spin.
+    pub turned_by_ephemeris: bool,
     /// Lines of the frames in the file; empty where the frames were made.
     lines: Vec<usize>,
 }
@@ -79,7 +81,7 @@ impl Trajectory {
         let whole = BodyColumns { position: true, orientation: true };
         let given =
             frames.iter().flat_map(|pose| pose.bodies.keys()).map(|name| (name.clone(), whole)).collect();
-        Self { source: source.to_path_buf(), frames, given, lines: Vec::new() }
+        Self { source: source.to_path_buf(), frames, given, turned_by_ephemeris: false, lines: Vec::new() }
     }
 
     /// Reads a trajectory table; `body_names` are the scene's bodies.
@@ -165,7 +167,7 @@ impl Trajectory {
             });
         }
         let lines = (0..table.len()).map(|row| table.line(row)).collect();
-        Ok(Self { source: path.to_path_buf(), frames, given, lines })
+        Ok(Self { source: path.to_path_buf(), frames, given, turned_by_ephemeris: false, lines })
     }
 
     /// An error about a frame (counted from 0), with its line where it came from a file.

@@ -206,11 +206,14 @@ fn files_that_are_no_whole_kernel_are_refused() {
     for (name, bytes) in [
         ("empty.bsp", &b""[..]),
         ("text.bsp", b"a table of planets, as text"),
-        ("leap.tls", b"KPL/LSK\n\\begindata\n"),
-        ("axes.bpc", &changed(0, b"DAF/PCK ")),
+        ("attitude.bc", &changed(0, b"DAF/XYZ ")),
     ] {
         let text = refused(name, bytes);
-        assert!(text.contains("is no SPK kernel") && text.contains(name), "{text}");
+        assert!(
+            text.contains(if name == "attitude.bc" { "is not read here" } else { "is no SPICE kernel" })
+                && text.contains(name),
+            "{text}"
+        );
     }
     assert!(
         refused("big.bsp", &changed(88, b"BIG-IEEE")).contains("byte order is not read (found `BIG-IEEE`")

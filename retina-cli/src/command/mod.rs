@@ -23,6 +23,7 @@ pub(crate) mod optics;
 pub(crate) mod pattern;
 pub(crate) mod render;
 pub(crate) mod report;
+pub(crate) mod schema;
 pub(crate) mod serve;
 pub(crate) mod sheet;
 pub(crate) mod shell;

@@ -53,11 +53,11 @@ pub(crate) struct Arguments {
     /// What the camera at the site points at: `moon` or a planet [default: moon].
     #[arg(long)]
     target: Option<String>,
-    /// SPK kernel for the Sun, the Moon and the planets [default: analytical theories].
+    /// SPICE kernel for places, axes and radii of bodies [default: analytical theories].
     ///
-    /// Repeat the flag for more kernels. If several contain the same body, the last one named is
-    /// used.
-    #[arg(long, value_name = "FILE.bsp")]
+    /// SPK, text and binary PCK, frame, leap-second or meta-kernel. Repeat the flag for more kernels. If
+    /// several contain the same body, the last one named is used.
+    #[arg(long, value_name = "KERNEL")]
     ephemeris: Vec<PathBuf>,
     /// Scene whose trajectory is written as a table, whatever generates it; takes the place of --kind.
     #[arg(
@@ -231,6 +231,7 @@ fn site(arguments: &Arguments, ephemeris: &Ephemeris, frames: usize) -> Result<(
             "schema": "retina.trajectory-summary/1",
             "out": arguments.out,
             "ephemeris": ephemeris.name(),
+            "axes": ephemeris.axes_source("earth"),
             "frames": frames,
             "epoch_tdb_s": epoch_s,
             "step_s": arguments.step_s,
@@ -263,6 +264,7 @@ fn lumio_halo(arguments: &Arguments, ephemeris: &Ephemeris, frames: usize) -> Re
             "schema": "retina.trajectory-summary/1",
             "out": arguments.out,
             "ephemeris": ephemeris.name(),
+            "axes": ephemeris.axes_source("moon"),
             "frames": halo.frames,
             "epoch_tdb_s": halo.epoch_tdb_s,
             "step_s": halo.step_s,

@@ -47,7 +47,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             &json!({ "schema": "retina.view/1", "address": address, "session": view.session() }),
         )?;
     } else {
-        tell!("the page is at {address}");
+        crate::output::tell_result(format_args!("the page is at {address}"));
         tell!("Ctrl-C ends it; sessions are kept in {}", options.state_folder.display());
     }
     if !arguments.no_browser && !open_browser(&address) {

@@ -167,10 +167,25 @@ pub fn assert_done(output: &Output) {
     assert_eq!(output.status.code(), Some(0), "{}", stderr(output));
 }
 
-/// The JSON document on standard output.
+/// The JSON document on standard output. It fits its schema, if one ships.
 pub fn json(output: &Output) -> serde_json::Value {
     assert_done(output);
-    serde_json::from_slice(&output.stdout).unwrap()
+    let document = serde_json::from_slice(&output.stdout).unwrap();
+    assert_fits_its_schema(&document);
+    document
+}
+
+/// Holds a document to the schema that ships for its key `schema`; says whether there is one.
+pub fn assert_fits_its_schema(document: &serde_json::Value) -> bool {
+    let own = |schema: &serde_json::Value| schema["properties"]["schema"]["const"] == document["schema"];
+    let schemas =
+        retina_assets::SCHEMAS.map(|(_, text)| serde_json::from_str::<serde_json::Value>(text).unwrap());
+    let Some(schema) = schemas.iter().find(|schema| own(schema)) else { return false };
+    let validator = jsonschema::validator_for(schema).unwrap();
+    let errors: Vec<String> =
+        validator.iter_errors(document).map(|error| format!("{}: {error}", error.instance_path())).collect();
+    assert!(errors.is_empty(), "{}: {errors:#?}", document["schema"]);
+    true
 }
 
 /// Exit code 2, and the message holds all of the words.
@@ -184,6 +199,7 @@ pub fn assert_refused(output: &Output, words: &[&str]) {
     if !output.stdout.is_empty() {
         let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(document["schema"], "retina.error/1", "{document}");
+        assert_fits_its_schema(&document);
         assert_eq!(document["exit_code"], 2);
     }
 }

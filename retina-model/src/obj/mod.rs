@@ -36,10 +36,26 @@ pub struct ObjBody {
 /// The file cannot be read, a statement does not fit its form, a face names what does not exist
 /// (with the line); no triangle has an area.
 pub fn load_obj(path: &Path) -> Result<ObjBody, InputError> {
-    let text = parse(path, &read_bytes(path)?)?;
-    let layout = layout(path, &text)?;
-    let mut notes = notes(&text);
-    let (mut body, position_of) = assemble(path, &text)?;
+    from_text(path, &parse(path, &read_bytes(path)?)?)
+}
+
+/// A mesh of positions and triangles alone, as an OBJ file that holds nothing else.
+pub(crate) fn plain_mesh(
+    path: &Path,
+    positions_m: Vec<DVec3>,
+    triangles: &[[u32; 3]],
+) -> Result<ObjBody, InputError> {
+    let corner = |position: u32| Corner { position, texture: None, normal: None };
+    let triangle =
+        |corners: &[u32; 3]| parse::Triangle { corners: corners.map(corner), smooth: false, line: 0 };
+    let triangles = triangles.iter().map(triangle).collect();
+    from_text(path, &Text { positions_m, triangles, ..Text::default() })
+}
+
+fn from_text(path: &Path, text: &Text) -> Result<ObjBody, InputError> {
+    let layout = layout(path, text)?;
+    let mut notes = notes(text);
+    let (mut body, position_of) = assemble(path, text)?;
     if body.volume_m3() < 0.0 && body.is_closed() {
         body.triangles.iter_mut().for_each(|triangle| triangle.swap(1, 2));
         notes.push("the faces wind clockwise seen from outside; they are taken the other way round".into());
@@ -127,7 +143,7 @@ fn assemble(path: &Path, text: &Text) -> Result<(Body, Vec<u32>), InputError> {
     if body.triangles.is_empty() {
         return Err(InputError::new(path, "holds no face with an area")
             .found(format!("{} vertices, {} triangles", text.positions_m.len(), text.triangles.len()))
-            .expected("lines `f` with three corners or more"));
+            .expected("faces with three corners or more that are not on a line"));
     }
     Ok((body, position_of))
 }

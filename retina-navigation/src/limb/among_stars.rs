@@ -13,7 +13,6 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use retina_image::{CameraImage, Exif};
 use retina_sky::ephemeris::{Ephemeris, EphemerisError, LIGHT_SPEED_M_S};
 use retina_sky::observer::{Observer, ObserverError, aberrated};
-use retina_sky::orientation::body_from_inertial;
 use serde_json::{Value, json};
 use thiserror::Error;
 
@@ -134,7 +133,7 @@ impl LimbQuestion {
             }
         };
         let camera_from_inertial = solution.camera_from_inertial();
-        let question = self.with_stars(&stars, solution, epoch, known.as_ref(), &first);
+        let question = self.with_stars(&stars, solution, epoch, known.as_ref(), &first)?;
         let answer = question.solve(&seen);
         let beta = velocity_m_s.map_or(DVec3::ZERO, |velocity| velocity / LIGHT_SPEED_M_S);
         let place = answer.sight.as_ref().ok().map(|sight| {
@@ -155,7 +154,7 @@ impl LimbQuestion {
         epoch: Option<StarsEpoch<'_>>,
         known: Option<&Known>,
         first: &LimbAnswer,
-    ) -> Self {
+    ) -> Result<Self, EphemerisError> {
         let camera_from_inertial = solution.camera_from_inertial();
         let mut question = self.clone();
         question.camera = LimbCamera {
@@ -163,9 +162,9 @@ impl LimbQuestion {
             mapping: Mapping::Stars(Box::new(StarLens::new(stars.camera.clone(), solution.fit))),
         };
         question.focal_sigma_share = solution.focal_ratio_sigma / solution.fit.focal_ratio;
-        let Some(StarsEpoch { tdb_s, .. }) = epoch else { return question };
+        let Some(StarsEpoch { tdb_s, ephemeris }) = epoch else { return Ok(question) };
         if !self.body.attitude_given
-            && let Some(turn) = body_from_inertial(&self.body.name, tdb_s)
+            && let Some(turn) = ephemeris.body_from_inertial(&self.body.name, tdb_s)?
         {
             question.body = self.body.clone().turned(DMat3::from_quat(camera_from_inertial * turn.inverse()));
         }
@@ -182,7 +181,7 @@ impl LimbQuestion {
                 question.sun_angle_rad = Some((-across.x).atan2(-across.y));
             }
         }
-        question
+        Ok(question)
     }
 }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use retina_files::InputError;
 use retina_model::load_body;
+use retina_sky::ephemeris::Ephemeris;
 use retina_sky::planets::Planet;
 use thiserror::Error;
 
@@ -72,8 +73,20 @@ impl KnownBody {
     /// # Errors
     /// It is too flat for an unknown attitude.
     pub fn planet(planet: Planet, camera_from_body: Option<DMat3>) -> Result<Self, BodyError> {
-        let equator_m = planet.radius_m();
-        let axes_m = DVec3::new(equator_m, equator_m, planet.polar_radius_m());
+        Self::planet_of(&Ephemeris::analytic(), planet, camera_from_body)
+    }
+
+    /// As [`KnownBody::planet`], with the radii that an ephemeris' kernels give.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn planet_of(
+        ephemeris: &Ephemeris,
+        planet: Planet,
+        camera_from_body: Option<DMat3>,
+    ) -> Result<Self, BodyError> {
+        let [equator_m, pole_m] = ephemeris.radii_m(planet);
+        let axes_m = DVec3::new(equator_m, equator_m, pole_m);
         let ([height_m, sigma_m], source) = limb_heights_m(planet);
         let plain = Self::ellipsoid(planet.name(), axes_m, camera_from_body)?;
         Ok(Self { planet: Some(planet), ..plain.with_limb(height_m, sigma_m, source) })

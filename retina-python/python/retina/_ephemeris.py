@@ -44,7 +44,7 @@ class SeenBody:
 
 
 class Ephemeris:
-    """Places of bodies: by analytical theories (1900 to 2100), or from SPK kernels.
+    """Places of bodies: by analytical theories (1900 to 2100), or from SPICE kernels.
 
     Times are TDB seconds since J2000 (SPICE's et), text, datetimes or ``astropy.time.Time``; see `retina.time_s`.
     Positions are barycentric, ICRF axes.
@@ -52,7 +52,7 @@ class Ephemeris:
     Parameters
     ----------
     kernels : path or sequence of paths, optional
-        SPK kernels, such as ``de440s.bsp``. Of those that have a body the last one named counts.
+        SPICE kernels, such as ``de440s.bsp`` or a meta-kernel. Of those that have a body the last one named counts.
 
     Raises
     ------
@@ -86,8 +86,20 @@ class Ephemeris:
         return _one_or_all(self._native.velocities_m_s(body, _duck.times_s(time)), time)
 
     def body_from_inertial(self, body: str, time: Any) -> npt.NDArray[np.float64]:
-        """Return the rotation from ICRF to a body's axes (IAU): scalar-first quaternions, shape (4,) or (times, 4)."""
-        return _one_or_all(_native.orientations(body, _duck.times_s(time)), time)
+        """Return the rotation from ICRF to a body's axes: scalar-first quaternions, shape (4,) or (times, 4).
+
+        Kernels turn the bodies that they have (see `axes_source`), the built-in IAU elements the others.
+        """
+        return _one_or_all(self._native.orientations(body, _duck.times_s(time)), time)
+
+    def axes_source(self, body: str) -> str | None:
+        """Return the frame or the constants, and their kernels, that turn a body; None for the built-in elements."""
+        return self._native.axes_source(body)
+
+    def semi_axes_m(self, body: str) -> tuple[float, float, float] | None:
+        """Return a body's semi-axes by text PCK kernels, m along its own axes; None if no kernel has them."""
+        axes_m = self._native.semi_axes_m(body)
+        return None if axes_m is None else (axes_m[0], axes_m[1], axes_m[2])
 
     def seen(
         self, body: str, time: Time, position_m: Vector, velocity_m_s: Vector | None = None

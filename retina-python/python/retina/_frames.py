@@ -221,7 +221,7 @@ class Renderer(_Renders):
     setup : Setup, path or str
         The facility.
     bodies : dict of str to dict
-        By name, the keys of a scene's ``[[body]]``: ``model`` (a .glb, .gltf or .obj file), ``photometry`` (a dict),
+        By name, the keys of a scene's ``[[body]]``: ``model`` (a .glb, .gltf, .obj, .icq or .bds file), ``photometry`` (a dict),
         ``shading`` and more.
     scene : dict, optional
         More tables of a scene, such as ``{"compensation": {"mode": "direct"}}``.

@@ -156,7 +156,7 @@ def fit_limb(
     focal_percent : float, optional
         Uncertainty of the focal length (1 sigma), per cent. Default: 0.5; 4 of an EXIF focal length.
     body : str, path, float or sequence of three floats
-        ``"moon"``, a planet, a mesh (.glb, .gltf, .obj) whose silhouette is fitted if the attitude is given, a radius (m), or
+        ``"moon"``, a planet, a mesh (.glb, .gltf, .obj, .icq, .bds) whose silhouette is fitted if the attitude is given, a radius (m), or
         three semi-axes (m).
     camera_from_body : array_like of shape (4,), optional
         Rotation from the body's axes to the camera's, scalar first. Only a body that is not nearly round needs it.

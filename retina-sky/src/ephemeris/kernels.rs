@@ -7,7 +7,7 @@ use anise::almanac::Almanac;
 use anise::naif::SPK;
 use anise::prelude::{Epoch, Frame};
 use glam::DVec3;
-use retina_files::{InputError, hash_bytes, read_bytes};
+use retina_files::InputError;
 
 use super::spk::{Segment, segments};
 use super::{EphemerisError, State};
@@ -111,28 +111,40 @@ pub(super) fn body_name(target: i32) -> String {
 }
 
 impl Kernels {
-    /// Reads kernels.
+    /// None yet.
+    pub(super) fn new() -> Self {
+        Self { files: Vec::new(), segments: Vec::new(), planets: [0; _], almanac: Almanac::default() }
+    }
+
+    /// Adds a kernel.
     ///
     /// # Errors
-    /// A file cannot be read, is no SPK kernel, or is damaged.
-    pub(super) fn read(paths: &[PathBuf]) -> Result<Self, InputError> {
-        let (mut files, mut all, mut almanac) = (Vec::new(), Vec::new(), Almanac::default());
-        for (index, path) in paths.iter().enumerate() {
-            let bytes = read_bytes(path)?;
-            all.extend(segments(path, &bytes)?.into_iter().map(|segment| (index, segment)));
-            let spk = SPK::parse(&bytes[..])
-                .map_err(|error| InputError::new(path, format!("the kernel is damaged: {error}")))?;
-            almanac = almanac.with_spk_as(spk, Some(index.to_string()));
-            files.push(KernelFile { path: path.clone(), hash: hash_bytes(&bytes) });
+    /// It is no SPK kernel, or is damaged.
+    pub(super) fn add(&mut self, file: KernelFile, bytes: &[u8]) -> Result<(), InputError> {
+        let (index, path) = (self.files.len(), &file.path);
+        self.segments.extend(segments(path, bytes)?.into_iter().map(|segment| (index, segment)));
+        let spk = SPK::parse(bytes)
+            .map_err(|error| InputError::new(path, format!("the kernel is damaged: {error}")))?;
+        self.almanac = std::mem::take(&mut self.almanac).with_spk_as(spk, Some(index.to_string()));
+        self.files.push(file);
+        Ok(())
+    }
+
+    /// With all kernels added; `None` where there was none.
+    ///
+    /// # Errors
+    /// A body is where it cannot be.
+    pub(super) fn finish(mut self) -> Result<Option<Self>, InputError> {
+        if self.files.is_empty() {
+            return Ok(None);
         }
-        let given = |target: i32| all.iter().any(|(_, segment)| segment.target == target);
-        let planets = Planet::ALL.map(|planet| {
+        let given = |target: i32| self.segments.iter().any(|(_, segment)| segment.target == target);
+        self.planets = Planet::ALL.map(|planet| {
             let (centre, barycentre) = numbers(planet);
             barycentre.filter(|_| !given(centre)).unwrap_or(centre)
         });
-        let kernels = Self { files, segments: all, planets, almanac };
-        kernels.check_places()?;
-        Ok(kernels)
+        self.check_places()?;
+        Ok(Some(self))
     }
 
     /// Refuses kernels that have a body where it cannot be: a number that has changed, or a body of another number.
@@ -156,11 +168,6 @@ impl Kernels {
             }
         }
         Ok(())
-    }
-
-    /// The files, in their order.
-    pub(super) fn files(&self) -> &[KernelFile] {
-        &self.files
     }
 
     /// The Sun's geometric barycentric state.

@@ -15,6 +15,62 @@ const GAP_KM: f64 = 1.0;
 /// A record's last coefficient over its largest beyond the constant one: a fit that ends there has not converged.
 const LAST_SHARE: f64 = 1e-2;
 
+/// Words after the records.
+const DIRECTORY_WORDS: usize = 4;
+
+/// How the records of a segment of equal lengths of time lie.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Layout {
+    /// The first record's beginning, TDB seconds since J2000.
+    pub(crate) first_s: f64,
+    /// A record's length, s.
+    pub(crate) length_s: f64,
+    /// Words of a record.
+    pub(crate) size: usize,
+    /// How many there are.
+    pub(crate) count: usize,
+}
+
+impl Layout {
+    /// The layout of a segment's words, whose records hold series of so many components.
+    ///
+    /// # Errors
+    /// Says what cannot be.
+    pub(crate) fn of(components: usize, span_s: [f64; 2], words: &[f64]) -> Result<Self, String> {
+        let Some((records, &[first_s, length_s, size, count])) = words
+            .len()
+            .checked_sub(DIRECTORY_WORDS)
+            .map(|at| words.split_at(at))
+            .and_then(|(records, rest)| Some((records, <&[f64; DIRECTORY_WORDS]>::try_from(rest).ok()?)))
+        else {
+            return Err(format!("{} words", words.len()));
+        };
+        let whole = |value: f64| value.fract() == 0.0 && value >= 1.0 && value <= words.len() as f64;
+        let fits = whole(size) && whole(count) && size * count == records.len() as f64;
+        let record_words = if fits { size as usize } else { 0 };
+        if record_words < 2 + components || !(record_words - 2).is_multiple_of(components) {
+            return Err(format!("{} words in {count} records of {size}", records.len()));
+        }
+        let slack_s = EPOCH_SHARE * length_s;
+        let end_s = first_s + count * length_s;
+        if !(length_s > 0.0 && span_s[0] >= first_s - slack_s && span_s[1] <= end_s + slack_s) {
+            return Err(format!("records from {first_s} to {end_s} s for {} to {} s", span_s[0], span_s[1]));
+        }
+        for (index, record) in records.chunks_exact(record_words).enumerate() {
+            let middle_s = first_s + (index as f64 + 0.5) * length_s;
+            if (record[0] - middle_s).abs() > slack_s || (record[1] - 0.5 * length_s).abs() > slack_s {
+                return Err(format!(
+                    "record {} of {} s about {} s, expected {length_s} s about {middle_s} s",
+                    index + 1,
+                    2.0 * record[1],
+                    record[0],
+                ));
+            }
+        }
+        Ok(Self { first_s, length_s, size: record_words, count: count as usize })
+    }
+}
+
 /// Says what of a segment's words cannot be, if anything: `kind` is the type of segment, `span_s` what its summary says
 /// that it covers.
 pub(super) fn flaw(kind: i32, span_s: [f64; 2], words: &[f64]) -> Option<String> {
@@ -26,32 +82,14 @@ pub(super) fn flaw(kind: i32, span_s: [f64; 2], words: &[f64]) -> Option<String>
         3 => 6,
         _ => return None,
     };
-    let (records, directory) = words.split_at_checked(words.len().checked_sub(4)?)?;
-    let [first_s, length_s, size, count] = *directory else { return None };
-    let whole = |value: f64| value.fract() == 0.0 && value >= 1.0 && value <= words.len() as f64;
-    let fits = whole(size) && whole(count) && size * count == records.len() as f64;
-    let size = if fits { size as usize } else { 0 };
-    if size < 2 + components || !(size - 2).is_multiple_of(components) {
-        return Some(format!("{} words in {} records of {}", records.len(), directory[3], directory[2]));
-    }
-    let slack_s = EPOCH_SHARE * length_s;
-    let end_s = first_s + count * length_s;
-    if !(length_s > 0.0 && span_s[0] >= first_s - slack_s && span_s[1] <= end_s + slack_s) {
-        return Some(format!("records from {first_s} to {end_s} s for {} to {} s", span_s[0], span_s[1]));
-    }
+    let size = match Layout::of(components, span_s, words) {
+        Ok(layout) => layout.size,
+        Err(flaw) => return Some(flaw),
+    };
+    let records = &words[..words.len() - DIRECTORY_WORDS];
     let each = (size - 2) / components;
     let mut last: Option<[f64; 6]> = None;
     for (index, record) in records.chunks_exact(size).enumerate() {
-        let middle_s = first_s + (index as f64 + 0.5) * length_s;
-        if (record[0] - middle_s).abs() > slack_s || (record[1] - 0.5 * length_s).abs() > slack_s {
-            return Some(format!(
-                "record {} of {} s about {} s, expected {} s about {middle_s} s",
-                index + 1,
-                2.0 * record[1],
-                record[0],
-                length_s
-            ));
-        }
         let (mut begins, mut ends) = ([0.0; 6], [0.0; 6]);
         for (component, series) in record[2..].chunks_exact(each).enumerate() {
             // Chebyshev polynomials are (-1)^k at -1 and 1 at 1.

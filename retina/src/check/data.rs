@@ -179,6 +179,12 @@ pub(super) fn check_glasses(path: &Path) -> Result<Checked, InputError> {
 
 pub(super) fn check_kernel(path: &Path) -> Result<Checked, InputError> {
     let ephemeris = retina_sky::ephemeris::Ephemeris::read(&[path.to_path_buf()])?;
-    Ok(Checked::new("SPICE kernel")
-        .says(format!("{}; a scene names it in `[ephemeris] kernels`", ephemeris.name())))
+    let names: Vec<String> = ephemeris.kernel_files().iter().map(|file| file.name()).collect();
+    let mut out = Checked::new("SPICE kernel")
+        .says(format!("{}; a scene names it in `[ephemeris] kernels`", names.join(", ")));
+    let turned = ephemeris.turned_bodies();
+    if !turned.is_empty() {
+        out = out.says(format!("the axes of {}", turned.join(", ")));
+    }
+    Ok(out)
 }

@@ -95,19 +95,19 @@ pub fn check(path: &Path, company: &Company) -> Result<Checked, InputError> {
         "csv" => table::check_table(path, company),
         "json" => data::check_json(path),
         "jsonl" => data::check_lines(path),
-        "glb" | "gltf" | "obj" => data::check_body(path),
+        "glb" | "gltf" | "obj" | "icq" | "bds" | "dsk" => data::check_body(path),
         "png" | "tif" | "tiff" | "jpg" | "jpeg" | "fits" | "fit" | "fts" => data::check_picture(path),
         "exr" => data::check_exr(path),
         "zmx" => data::check_lenses(path),
         "agf" => data::check_glasses(path),
-        "bsp" | "bpc" => data::check_kernel(path),
+        "bsp" | "bpc" | "tpc" | "tf" | "tls" | "tm" | "bc" => data::check_kernel(path),
         other => {
             // Says why, where it cannot even be read.
             read_bytes(path)?;
             Err(InputError::new(path, "is no file that RETINA knows")
                 .found(if other.is_empty() { "no extension".to_owned() } else { format!("`.{other}`") })
                 .expected(
-                    "toml, csv, json, jsonl, glb, gltf, obj, png, tiff, jpg, fits, exr, zmx, agf, bsp, or a folder",
+                    "toml, csv, json, jsonl, glb, gltf, obj, icq, bds, dsk, png, tiff, jpg, fits, exr, zmx, agf, bsp, bpc, tpc, tf, tls, tm, or a folder",
                 ))
         }
     }

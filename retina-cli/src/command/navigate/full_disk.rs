@@ -40,7 +40,7 @@ pub(crate) struct Arguments {
     /// Standard deviation of that height, m.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = not_negative)]
     limb_height_sigma_m: f64,
-    /// Mesh of the body (.glb, .gltf, .obj): its silhouette is fitted, terrain included.
+    /// Mesh of the body (.glb, .gltf, .obj, .icq, .bds): its silhouette is fitted, terrain included.
     ///
     /// Without it, the outline of the reference ellipsoid is fitted.
     #[arg(long, value_name = "MESH")]
@@ -50,11 +50,11 @@ pub(crate) struct Arguments {
     /// [default: the setup's jitter for camera images, 0 for screen images]
     #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
     pointing_sigma_arcsec: Option<f64>,
-    /// SPK kernel for the filter's Sun, Earth and Moon [default: analytical theories].
+    /// SPICE kernel for the filter's Sun, Earth and Moon [default: analytical theories].
     ///
-    /// Repeat the flag for more kernels. If several contain the same body, the last one named is
-    /// used.
-    #[arg(long, value_name = "FILE.bsp")]
+    /// SPK, text and binary PCK, frame, leap-second or meta-kernel. Repeat the flag for more kernels. If
+    /// several contain the same body, the last one named is used.
+    #[arg(long, value_name = "KERNEL")]
     ephemeris: Vec<PathBuf>,
 }
 

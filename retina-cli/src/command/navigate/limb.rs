@@ -57,7 +57,7 @@ pub(crate) struct Arguments {
     /// Uncertainty of the focal length (1 sigma), per cent [default: 0.5; 4 for an EXIF focal length].
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     focal_percent: Option<f64>,
-    /// The body: `moon`, a planet, or a mesh (.glb, .gltf, .obj).
+    /// The body: `moon`, a planet, or a mesh (.glb, .gltf, .obj, .icq, .bds).
     ///
     /// In a known attitude the silhouette of a mesh is fitted, otherwise the outline of its ellipsoid.
     #[arg(long, default_value = "moon", value_name = "NAME|FILE")]
@@ -65,7 +65,7 @@ pub(crate) struct Arguments {
     /// Semi-axes of a body of no name, m: one number, or A,B,C.
     #[arg(long, value_name = "R|A,B,C", conflicts_with = "body")]
     radii_m: Option<String>,
-    /// Mesh of the body (.glb, .gltf, .obj) in its own axes: its silhouette is fitted, terrain included.
+    /// Mesh of the body (.glb, .gltf, .obj, .icq, .bds) in its own axes: its silhouette is fitted, terrain included.
     ///
     /// The attitude must be known: `--camera-from-body`, or `--stars` with `--time`.
     #[arg(long, value_name = "MESH")]
@@ -106,11 +106,11 @@ pub(crate) struct Arguments {
     /// With `--time` they also say how the body is turned and where the Sun is.
     #[arg(long)]
     stars: bool,
-    /// SPK kernel for the Sun, the Moon and the planets [default: analytical theories].
+    /// SPICE kernel for places, axes and radii of bodies [default: analytical theories].
     ///
-    /// Repeat the flag for more kernels. If several contain the same body, the last one named is
-    /// used.
-    #[arg(long, value_name = "FILE.bsp", requires = "time")]
+    /// SPK, text and binary PCK, frame, leap-second or meta-kernel. Repeat the flag for more kernels. If
+    /// several contain the same body, the last one named is used.
+    #[arg(long, value_name = "KERNEL", requires = "time")]
     ephemeris: Vec<PathBuf>,
     /// Bits of the camera's digital numbers, where they are linear [default: the setup's, or those of
     /// the file].
@@ -138,8 +138,9 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check()?;
-    let body = arguments.body()?;
-    let expected = arguments.expected(&body)?;
+    let ephemeris = Ephemeris::read(&arguments.ephemeris)?;
+    let body = arguments.body(&ephemeris)?;
+    let expected = arguments.expected(&body, &ephemeris)?;
     let (photograph, camera, focal_share) = arguments.read()?;
     let question = LimbQuestion {
         camera,
@@ -158,7 +159,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let mut notes = photograph.notes();
     let (question, answer, among) = if arguments.stars {
-        let among = arguments.among_stars(&question, &photograph, mask.as_deref(), &mut notes)?;
+        let among = arguments.among_stars(&question, &photograph, mask.as_deref(), &ephemeris, &mut notes)?;
         (among.question.clone(), among.answer.clone(), Some(among))
     } else {
         (question.clone(), question.solve(&seen), None)
@@ -239,7 +240,7 @@ impl Arguments {
         crate::check_apart(inputs, [self.annotate.as_ref()], None)
     }
 
-    fn body(&self) -> Result<KnownBody, Failure> {
+    fn body(&self, ephemeris: &Ephemeris) -> Result<KnownBody, Failure> {
         let camera_from_body = self.camera_from_body.as_deref().map(rotation).transpose()?;
         let flag = if self.radii_m.is_some() { "--radii-m" } else { "--body" };
         let refused = |error: BodyError| match error {
@@ -250,13 +251,13 @@ impl Arguments {
         let body = if let Some(text) = &self.radii_m {
             KnownBody::ellipsoid("body", radii_m(text)?, camera_from_body).map_err(refused)?
         } else if let Some(planet) = Planet::from_name(&self.body) {
-            KnownBody::planet(planet, camera_from_body).map_err(refused)?
+            KnownBody::planet_of(ephemeris, planet, camera_from_body).map_err(refused)?
         } else if Path::new(&self.body).extension().is_some() {
             KnownBody::mesh(Path::new(&self.body), camera_from_body).map_err(refused)?
         } else {
             return Err(InputError::new(Path::new("--body"), "is no body that is known here")
                 .found(format!("`{}`", self.body))
-                .expected("`moon`, a planet such as `earth`, or a mesh (.glb, .gltf, .obj)")
+                .expected("`moon`, a planet such as `earth`, or a mesh (.glb, .gltf, .obj, .icq, .bds)")
                 .help("give the semi-axes of another body (--radii-m)")
                 .into());
         };
@@ -272,6 +273,7 @@ impl Arguments {
         question: &LimbQuestion,
         photograph: &Photograph,
         mask: Option<&[bool]>,
+        ephemeris: &Ephemeris,
         notes: &mut Vec<String>,
     ) -> Result<AmongStars, Failure> {
         let failure = |error: &dyn std::fmt::Display| Failure::new(error.to_string());
@@ -289,9 +291,8 @@ impl Arguments {
             }
             None => KnownCamera::Exif,
         };
-        let ephemeris = Ephemeris::read(&self.ephemeris)?;
         let tdb_s = self.time.as_deref().map(epoch_s).transpose()?;
-        let epoch = tdb_s.map(|tdb_s| StarsEpoch { tdb_s, ephemeris: &ephemeris });
+        let epoch = tdb_s.map(|tdb_s| StarsEpoch { tdb_s, ephemeris });
         let mut solver =
             ImageSolver::new(known, ImageSolverOptions { tdb_s, ..ImageSolverOptions::default() });
         question
@@ -300,7 +301,7 @@ impl Arguments {
     }
 
     /// The body as the ephemeris has it, where time and place are given.
-    fn expected(&self, body: &KnownBody) -> Result<Option<SeenPlanet>, Failure> {
+    fn expected(&self, body: &KnownBody, ephemeris: &Ephemeris) -> Result<Option<SeenPlanet>, Failure> {
         let failure = |error: &dyn std::fmt::Display| Failure::new(error.to_string());
         if self.site.is_none() && self.position_m.is_none() {
             return match &self.time {
@@ -320,17 +321,16 @@ impl Arguments {
         };
         let time = self.time.as_deref().unwrap_or_default();
         let tdb_s = epoch_s(time)?;
-        let ephemeris = Ephemeris::read(&self.ephemeris)?;
         let (position_m, velocity_m_s) = match (&self.site, &self.position_m) {
             (Some(text), _) => {
                 let (position_m, velocity_m_s) =
-                    site(text)?.state(&ephemeris, tdb_s).map_err(|error| failure(&error))?;
+                    site(text)?.state(ephemeris, tdb_s).map_err(|error| failure(&error))?;
                 (position_m, Some(velocity_m_s))
             }
             (None, text) => (vector("--position-m", text.as_deref().unwrap_or_default())?, None),
         };
         let observer =
-            Observer::new(&ephemeris, tdb_s, position_m, velocity_m_s).map_err(|error| failure(&error))?;
+            Observer::new(ephemeris, tdb_s, position_m, velocity_m_s).map_err(|error| failure(&error))?;
         let seen = seen_planet(&observer, planet).map_err(|error| failure(&error))?;
         // From the Earth's surface its own centre is less than a radius away.
         seen.map(Some).ok_or_else(|| {

@@ -58,11 +58,11 @@ pub(crate) struct Arguments {
     /// With it, the attitude is corrected for aberration.
     #[arg(long, value_name = "X,Y,Z", requires = "position_m", allow_hyphen_values = true)]
     velocity_m_s: Option<String>,
-    /// SPK kernel for the Sun, the Moon and the planets [default: analytical theories].
+    /// SPICE kernel for places, axes and radii of bodies [default: analytical theories].
     ///
-    /// Repeat the flag for more kernels. If several contain the same body, the last one named is
-    /// used.
-    #[arg(long, value_name = "FILE.bsp", requires = "position_m")]
+    /// SPK, text and binary PCK, frame, leap-second or meta-kernel. Repeat the flag for more kernels. If
+    /// several contain the same body, the last one named is used.
+    #[arg(long, value_name = "KERNEL", requires = "position_m")]
     ephemeris: Vec<PathBuf>,
     /// Uncertainty of the position (3 sigma), km.
     #[arg(long, default_value_t = 3e-3 * PAPER_POSITION_SIGMA_M)]

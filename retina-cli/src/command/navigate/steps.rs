@@ -1,6 +1,5 @@
 //! What the experiments' commands share: progress step by step, and their files.
 
-use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -62,7 +61,7 @@ impl Watcher for Steps {
         tell!("{name}");
         let now = Instant::now();
         (self.start, self.first, self.last_line) = (now, usize::MAX, now);
-        self.bar = std::io::stderr().is_terminal().then(|| crate::progress::counter(0, "done"));
+        self.bar = crate::output::shows_progress().then(|| crate::progress::counter(0, "done"));
     }
 
     fn done(&mut self, done: usize, all: usize) {

@@ -1,7 +1,6 @@
 //! `retina optics search`.
 
 use std::collections::BTreeMap;
-use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -305,7 +304,7 @@ struct Reporter {
 
 impl Reporter {
     fn new() -> Self {
-        let bar = std::io::stderr().is_terminal().then(|| {
+        let bar = crate::output::shows_progress().then(|| {
             let style =
                 ProgressStyle::with_template("{wide_bar} {pos}/{len} {msg}, {elapsed} elapsed, {eta} left");
             ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
