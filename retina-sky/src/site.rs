@@ -3,10 +3,13 @@
 use std::collections::BTreeMap;
 
 use glam::{DMat3, DQuat, DVec3};
+use sofars::pnp::c2t00b;
 
+use crate::DAY_S;
 use crate::ephemeris::{Ephemeris, EphemerisError};
 use crate::observer::{Observer, ObserverError};
 use crate::planets::{Planet, seen_planet};
+use crate::time::{J2000_JD, TT_MINUS_TAI_S, tai_minus_utc_s};
 use crate::trajectory::FramePose;
 
 /// WGS 84: equatorial radius, m, and flattening.
@@ -40,6 +43,20 @@ pub enum SiteError {
     Unseen(&'static str),
 }
 
+/// From ICRF to the Earth's axes (ITRF), by precession, nutation (IAU 2000B) and the Earth rotation angle (IAU 2000):
+/// SOFA's `c2t00b`. UT1 is taken for UTC, from which it is at most 0.9 s away: 420 m at the equator, 100 m since 2017.
+/// Polar motion, 10 m, is left out. Before 1972 there is no UTC of this kind; UT1 is then taken 42.2 s behind TT, as in
+/// 1972: 4 km at the equator in 1960.
+fn earth_from_inertial(tdb_s: f64) -> DQuat {
+    const TAI_MINUS_UTC_1972_S: f64 = 10.0;
+    let days = ((tdb_s + 0.5 * DAY_S) / DAY_S).floor() as i64;
+    // The second about a leap second is as uncertain as UT1 is.
+    let tai_minus_utc_s = tai_minus_utc_s(days).unwrap_or(TAI_MINUS_UTC_1972_S);
+    let ut1_s = tdb_s - TT_MINUS_TAI_S - tai_minus_utc_s;
+    let rows = c2t00b(J2000_JD, tdb_s / DAY_S, J2000_JD, ut1_s / DAY_S, 0.0, 0.0);
+    DQuat::from_mat3(&DMat3::from_cols_array_2d(&rows).transpose()).normalize()
+}
+
 impl Site {
     /// Where it is in Earth-fixed axes, m.
     fn earth_fixed_m(&self) -> DVec3 {
@@ -51,15 +68,18 @@ impl Site {
         DVec3::new(across_m * self.longitude_rad.cos(), across_m * self.longitude_rad.sin(), up_m)
     }
 
-    /// Place (m) and velocity (m/s) from the Solar System's barycentre, ICRF. The Earth is turned by its rotational
-    /// elements: the place is good to some 2 km, as UT1 and nutation are not in them.
+    /// Place (m) and velocity (m/s) from the Solar System's barycentre, ICRF. The Earth is turned by a kernel, if one has
+    /// its axes; otherwise see [`earth_from_inertial`].
     ///
     /// # Errors
     /// The epoch (TDB seconds since J2000) is outside the ephemeris.
     pub fn state(&self, ephemeris: &Ephemeris, tdb_s: f64) -> Result<(DVec3, DVec3), EphemerisError> {
         let earth = ephemeris.solar_system(tdb_s)?.earth;
-        let inertial_from_earth =
-            ephemeris.body_from_inertial("earth", tdb_s)?.map_or(DQuat::IDENTITY, |turn| turn.inverse());
+        let by_kernel = match ephemeris.axes_source("earth") {
+            Some(_) => ephemeris.body_from_inertial("earth", tdb_s)?,
+            None => None,
+        };
+        let inertial_from_earth = by_kernel.unwrap_or_else(|| earth_from_inertial(tdb_s)).inverse();
         let offset_m = inertial_from_earth * self.earth_fixed_m();
         let rate = inertial_from_earth * DVec3::new(0.0, 0.0, EARTH_RATE_RAD_S);
         Ok((earth.position_m + offset_m, earth.velocity_m_s + rate.cross(offset_m)))
@@ -97,6 +117,40 @@ impl Site {
 mod tests {
     use super::*;
     use crate::time::parse_epoch;
+
+    /// Skyfield 1.53 with its own UT1 (built-in tables): geocentric places of two sites, ICRF, m.
+    #[test]
+    fn sites_turn_with_the_earth_as_in_skyfield() {
+        let cases = [
+            (
+                "2023-12-22T19:21:25 UTC",
+                [8.381_019, 45.848_510, 455.0],
+                [3_883_529.916, 2_193_089.381, 4_544_803.510],
+            ),
+            (
+                "2001-06-01T03:00:00 UTC",
+                [-70.0, -30.0, 2400.0],
+                [-3_934_512.126, -3_886_722.544, -3_171_196.695],
+            ),
+        ];
+        for (epoch, [longitude_deg, latitude_deg, altitude_m], expected_m) in cases {
+            let (longitude_rad, latitude_rad) =
+                (f64::to_radians(longitude_deg), f64::to_radians(latitude_deg));
+            let site = Site { longitude_rad, latitude_rad, altitude_m };
+            let tdb_s = parse_epoch(epoch).unwrap();
+            let ephemeris = Ephemeris::analytic();
+            let earth = ephemeris.solar_system(tdb_s).unwrap().earth;
+            let (place_m, velocity_m_s) = site.state(&ephemeris, tdb_s).unwrap();
+            let off_m = (place_m - earth.position_m - DVec3::from_array(expected_m)).length();
+            // UT1 - UTC is 0.009 and -0.025 s there: 3 and 10 m.
+            assert!(off_m < 40.0, "{epoch}: {off_m} m");
+            assert!(((velocity_m_s - earth.velocity_m_s).length() - expected_speed(expected_m)).abs() < 0.5);
+        }
+    }
+
+    fn expected_speed([x, y, _]: [f64; 3]) -> f64 {
+        EARTH_RATE_RAD_S * x.hypot(y)
+    }
 
     /// Skyfield with DE421: topocentric apparent place of the Moon (ICRF, km), 2023-12-22T19:21:25 UTC, 45.848510 N
     /// 8.381019 E, 455 m. Aberration by the observer's own velocity is in both.

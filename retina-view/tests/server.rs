@@ -344,7 +344,10 @@ fn a_lens_system_follows_its_gaps_and_tilts() {
     assert!(worst(&tilted) > 1.02 * worst(&designed));
     assert!(designed["layout"].as_str().unwrap().starts_with("<svg"));
     assert_eq!(traced(json!({ "gaps_mm": { "3": 1.0 } })).status, 404, "a lens is no gap");
-    assert_eq!(traced(json!({ "groups": { "camera": { "tilt_deg": [0, 0], "shift_mm": [0, 0] } } })).status, 404);
+    assert_eq!(
+        traced(json!({ "groups": { "camera": { "tilt_deg": [0, 0], "shift_mm": [0, 0] } } })).status,
+        404
+    );
     let negative = traced(json!({ "gaps_mm": { (last["surface"].to_string()): -5.0 } }));
     assert_eq!(negative.status, 422, "{}", negative.body);
 }

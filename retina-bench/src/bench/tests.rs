@@ -168,13 +168,19 @@ fn parts_of_a_points_image_can_be_left_out() {
         let mut light = vec![0f32; 2048 * 1536];
         bench.optics().add_points(&mut light, &sources);
         let (centroid, sum) = centroid(&light, 2048, at, 20);
-        assert!((centroid[0] - at[0]).hypot(centroid[1] - at[1]) < 0.06, "{point_image:?}: {centroid:?} {at:?}");
+        assert!(
+            (centroid[0] - at[0]).hypot(centroid[1] - at[1]) < 0.06,
+            "{point_image:?}: {centroid:?} {at:?}"
+        );
         (f64::from(light.iter().copied().fold(0.0, f32::max)) / sum, sum)
     });
     let [point, diffraction, full] = images;
     assert!(point.0 > 1.2 * diffraction.0 && diffraction.0 > 1.5 * full.0, "{images:?}");
     // Wings of the full image lie beyond what is summed here.
-    assert!((diffraction.1 / point.1 - 1.0).abs() < 0.02 && (full.1 / point.1 - 1.0).abs() < 0.05, "{images:?}");
+    assert!(
+        (diffraction.1 / point.1 - 1.0).abs() < 0.02 && (full.1 / point.1 - 1.0).abs() < 0.05,
+        "{images:?}"
+    );
 }
 
 /// Without noise the numbers are the mean of what the sensor reads.
