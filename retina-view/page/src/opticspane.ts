@@ -14,7 +14,9 @@ interface System {
   length_mm: number | null;
   layout: string;
   spots: string;
-  contrast: string;
+  contrast: string | null;
+  /** Why there is no contrast. */
+  no_contrast: string | null;
 }
 
 interface Design {
@@ -138,7 +140,7 @@ export class OpticsPane {
       this.drawSliders(system);
     }
     const picture = (svg: string, alt: string): HTMLElement => h("img", { src: `data:image/svg+xml,${encodeURIComponent(svg)}`, alt });
-    put(this.figures, picture(system.layout, `Layout of ${system.name}, with rays`), picture(system.spots, "Spot diagrams by field"), picture(system.contrast, "Contrast over spatial frequency by field"));
+    put(this.figures, picture(system.layout, `Layout of ${system.name}, with rays`), picture(system.spots, "Spot diagrams by field"), system.contrast === null ? h("p", { class: "dim" }, `No contrast: ${system.no_contrast ?? ""}`) : picture(system.contrast, "Contrast over spatial frequency by field"));
     const rows = system.fields.map(({ field, rms_um, vignetted_fraction }): [string, string] => {
       const degrees = (Math.atan(Math.hypot(...field)) * 180) / Math.PI;
       return [`${degrees.toFixed(2)} deg`, `${rms_um.toFixed(2)} um rms${vignetted_fraction > 5e-4 ? `, ${(100 * vignetted_fraction).toFixed(1)} % vignetted` : ""}`];

@@ -9,7 +9,7 @@ use axum::routing::{get, post};
 use axum::{Json, Router};
 use glam::DVec3;
 use retina_files::{InputError, read_text};
-use retina_optics::analysis::{SpotOptions, mtf, spots};
+use retina_optics::analysis::{Mtf, SpotOptions, mtf, spots};
 use retina_optics::glass::Medium;
 use retina_optics::plot::{SpotRow, layout_figure, mtf_figure, spots_figure};
 use retina_optics::{Clipping, OpticalSystem, OpticsError, parse_prescription, read_system, shipped_design};
@@ -23,8 +23,8 @@ use crate::failure::Refusal;
 /// Rings and arms of the rays that are counted and drawn.
 const RINGS: usize = 10;
 const ARMS: usize = 36;
-/// Points of the pupil a side, and the highest frequency, cycles/mm, of the contrast.
-const MTF_PUPIL: usize = 64;
+/// Points of the pupil a side: as few as the wavefront allows. And the highest frequency of the contrast, cycles/mm.
+const MTF_PUPIL: [usize; 3] = [64, 128, 256];
 const MTF_HIGHEST_PER_MM: f64 = 100.0;
 const MTF_POINTS: usize = 60;
 
@@ -107,6 +107,15 @@ fn names(system: &OpticalSystem, gap: usize) -> String {
     format!("{} to {}", name(gap), name(gap + 1))
 }
 
+fn contrast(system: &OpticalSystem) -> Result<Vec<Mtf>, OpticsError> {
+    let with = |pupil: usize| -> Result<Vec<Mtf>, OpticsError> {
+        let of = |at| mtf(system, at, pupil, MTF_HIGHEST_PER_MM, MTF_POINTS, Clipping::On);
+        system.fields.iter().map(|field| of(field.at)).collect()
+    };
+    let [few, more, most] = MTF_PUPIL;
+    with(few).or_else(|_| with(more)).or_else(|_| with(most))
+}
+
 async fn system(State(app): Shared, Json(asked): Json<Asked>) -> Answer {
     beside(move || {
         let designed = source(&app, &asked)?;
@@ -127,11 +136,11 @@ async fn system(State(app): Shared, Json(asked): Json<Asked>) -> Answer {
         let options = SpotOptions { rings: RINGS, arms: ARMS, clipping: Clipping::On };
         let found = spots(&system, &options)?;
         let row = SpotRow { system: &system, points: &found, figures: &found, scale: 1.0 };
-        let contrast = system
-            .fields
-            .iter()
-            .map(|field| mtf(&system, field.at, MTF_PUPIL, MTF_HIGHEST_PER_MM, MTF_POINTS, Clipping::On))
-            .collect::<Result<Vec<_>, _>>()?;
+        // Far out of focus no pupil is fine enough: the layout and the spots are shown all the same.
+        let (contrast, no_contrast) = match contrast(&system) {
+            Ok(curves) => (Some(mtf_figure(&system, &curves).to_svg()), None),
+            Err(error) => (None, Some(error.to_string())),
+        };
         let gap_list: Vec<Value> = gaps(&designed)
             .into_iter()
             .map(|at| {
@@ -162,7 +171,8 @@ async fn system(State(app): Shared, Json(asked): Json<Asked>) -> Answer {
             "length_mm": system.vertices_mm().last(),
             "layout": layout_figure("", &[&system])?.to_svg(),
             "spots": spots_figure("", &[row]).to_svg(),
-            "contrast": mtf_figure(&system, &contrast).to_svg(),
+            "contrast": contrast,
+            "no_contrast": no_contrast,
         }))
     })
     .await
