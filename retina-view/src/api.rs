@@ -48,6 +48,18 @@ impl App {
     }
 }
 
+/// A file of a folder of the given paths (as [`App::path`] gives it). Links that lead out of the folder are refused; of a
+/// file that is not there its reader says so.
+pub(crate) fn within(folder: &std::path::Path, file: PathBuf) -> Result<PathBuf, Refusal> {
+    match file.canonicalize() {
+        Ok(whole) if !whole.starts_with(folder) => Err(Refusal::new(
+            StatusCode::FORBIDDEN,
+            format!("`{}` is a link that leads out of its folder", crate::session::file_name(&file)),
+        )),
+        _ => Ok(file),
+    }
+}
+
 pub(crate) type Shared = State<Arc<App>>;
 pub(crate) type Answer = Result<Response, Refusal>;
 

@@ -314,6 +314,18 @@ fn panes_answer_for_the_given_paths_alone() {
     ] {
         assert_eq!(server.get(path).status, 403, "{path}");
     }
+    #[cfg(unix)]
+    {
+        let run = given.join("run");
+        std::fs::create_dir_all(run.join("truth")).unwrap();
+        std::os::unix::fs::symlink("/etc/passwd", run.join("truth/000000.json")).unwrap();
+        std::os::unix::fs::symlink(outside.join("frames"), run.join("frames")).unwrap();
+        std::fs::write(outside.join("frames/000000.png"), "secret").unwrap();
+        for path in ["/api/sequence/truth/0?at=0/run", "/api/sequence/image/0?at=0/run"] {
+            let answer = server.get(path);
+            assert_eq!(answer.status, 403, "{path}: {}", answer.body);
+        }
+    }
     let bad = server.get("/api/sequence?at=0");
     assert!(bad.status == 422 && bad.body.contains("no folder that `retina render` wrote"), "{}", bad.body);
     let scene = server.get("/api/scene?at=0/note.toml");

@@ -144,7 +144,7 @@ export class BenchPane {
     this.kept.mode = mode;
     remember(`bench ${this.kept.setup}`, this.kept);
     window.clearInterval(this.blinker);
-    if (mode === "blink") {
+    if (mode === "blink" && !window.matchMedia("(prefers-reduced-motion: reduce)").matches) {
       this.blinker = window.setInterval(() => {
         this.second = !this.second;
         this.draw();

@@ -90,13 +90,29 @@ export class LivePane {
   private async start(body: string | null, frame: number | null): Promise<void> {
     put(this.state, "Opening the scene ...");
     const kept = remembered<{ body: string; frame: number; view: View | null; photometry: string | null }>(`scene ${this.at}`, { body: "", frame: 0, view: null, photometry: null });
+    const begun = body === null && frame === null;
+    const ask = (wanted: string, at: number): Promise<About> =>
+      get<About>(`/api/scene?at=${encodeURIComponent(this.at)}&frame=${at}${wanted === "" ? "" : `&body=${encodeURIComponent(wanted)}`}`, this.shell.closed.signal);
+    const before = this.about?.body;
     this.frame = frame ?? kept.frame;
-    const wanted = body ?? kept.body;
-    const query = `?at=${encodeURIComponent(this.at)}&frame=${this.frame}${wanted === "" ? "" : `&body=${encodeURIComponent(wanted)}`}`;
-    this.about = await get<About>(`/api/scene${query}`, this.shell.closed.signal);
-    const again = body === null && frame === null;
+    let again = begun;
+    try {
+      this.about = await ask(body ?? kept.body, this.frame);
+    } catch (error) {
+      // What is remembered may be of another file of this name.
+      if (!begun || (kept.body === "" && kept.frame === 0)) {
+        throw error;
+      }
+      [this.frame, again] = [0, false];
+      this.about = await ask("", 0);
+    }
     this.view = (again ? kept.view : null) ?? this.about.view;
-    this.photometry = again ? kept.photometry : this.photometry;
+    if (again) {
+      this.photometry = kept.photometry;
+    } else if (begun || this.about.body !== before) {
+      // A law belongs to its body.
+      this.photometry = null;
+    }
     this.drawControls();
     this.frames.ask(false);
     this.letGo();
@@ -159,7 +175,7 @@ export class LivePane {
         h("button", { type: "button", "data-key": "again", click: () => void this.start(about.body, this.frame).catch(this.shell.failed) }, "Back to the frame"),
         h("button", { type: "button", class: "primary", "data-key": "save", click: () => void this.save().catch(this.shell.failed) }, "Save pose.csv and scene.toml"),
       ),
-      h("p", { class: "dim" }, "Put both files beside the scene's own; then `retina render scene.toml` shows this view."),
+      h("p", { class: "dim" }, "Put both files into the folder of the scene's own, under names that are free there; then `retina render` shows this view."),
     );
   }
 

@@ -23,7 +23,13 @@ function show(): void {
   const pane = kind === undefined ? undefined : PANES[kind];
   document.title = "RETINA";
   if (pane && at !== undefined) {
-    const shown = new pane(page, decodeURIComponent(at));
+    let named = at;
+    try {
+      named = decodeURIComponent(at);
+    } catch {
+      // An address by hand: the server says that there is no such file.
+    }
+    const shown = new pane(page, named);
     leave = () => shown.close();
   } else if (kind === "session" && at !== undefined && /^[a-z0-9-]+$/.test(at)) {
     const workbench = new Workbench(page, at, open);

@@ -100,6 +100,7 @@ export class OpticsPane {
     put(
       this.table,
       h("h2", {}, "Designs of the search"),
+      h("p", { class: "dim" }, "Here: the worst spot of all configurations on the camera's sensor, and the length from the first lens to the screen. Beside the drawing: spots on the screen, and the length from the camera's pupil."),
       names.length > 0 ? field("Configuration", select("configuration", names.map((name): [string, string] => [name, name]), this.kept.configuration, (name) => this.choose(design ?? 0, name))) : null,
       h(
         "div",
@@ -128,12 +129,15 @@ export class OpticsPane {
   }
 
   private async trace(): Promise<void> {
+    // What a refusal leaves here would be of another system.
+    this.figures.classList.add("stale");
     const { design, configuration, gaps_mm, groups } = this.kept;
     const system = await post<System>("/api/optics", { at: this.at, design, configuration: design === null ? null : configuration, gaps_mm, groups });
     if (this.shell.closed.signal.aborted) {
       return;
     }
     this.shell.mended();
+    this.figures.classList.remove("stale");
     remember(`optics ${this.at}`, this.kept);
     if (!this.designed) {
       this.designed = system;

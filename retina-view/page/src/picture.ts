@@ -71,8 +71,9 @@ export class Picture {
     this.tellCursor();
   }
 
-  setOver(over: Over | null): void {
-    this.over = over;
+  /** Shows nothing. */
+  clear(): void {
+    this.image = this.pixels = null;
     this.redraw();
   }
 

@@ -115,9 +115,9 @@ function shownOf({ documents }: Results): Shown[] {
   const out: Shown[] = [];
   const whole = documents.some(({ document }) => document.frames);
   for (const { file, document } of documents) {
-    if (document.frames) {
+    if (Array.isArray(document.frames)) {
       out.push(fullDisk(file, document, document.frames));
-    } else if (document.rows && document.schema === "retina.navigation-full-disk/1") {
+    } else if (Array.isArray(document.rows) && document.schema === "retina.navigation-full-disk/1") {
       // The document has the same frames, and the filter beside them.
       if (!whole) {
         out.push(fullDisk(file, document, document.rows));

@@ -89,6 +89,9 @@ export class Sequence {
       return;
     }
     this.slider.max = String(last);
+    if (this.kept.layer !== "counts" && !this.about.layers.includes(this.kept.layer)) {
+      this.kept.layer = "counts";
+    }
     if (this.kept.other !== "" && runs.includes(this.kept.other)) {
       this.other = await get<About>(`/api/sequence${this.query(this.kept.other)}`, signal);
     } else {
@@ -145,7 +148,7 @@ export class Sequence {
     this.kept.mode = this.other ? mode : "one";
     window.clearInterval(this.blinker);
     this.second = false;
-    if (this.kept.mode === "blink") {
+    if (this.kept.mode === "blink" && !window.matchMedia("(prefers-reduced-motion: reduce)").matches) {
       this.blinker = window.setInterval(() => {
         this.second = !this.second;
         this.draw();
@@ -162,7 +165,10 @@ export class Sequence {
     if (!about.frames.includes(frame)) {
       return null;
     }
-    if (this.kept.layer !== "counts" && about.layers.includes(this.kept.layer)) {
+    if (this.kept.layer !== "counts" && !about.layers.includes(this.kept.layer)) {
+      return null;
+    }
+    if (this.kept.layer !== "counts") {
       return (await getNumbers(`/api/sequence/layer/${frame}/${encodeURIComponent(this.kept.layer)}${this.query(at)}`, "f32", undefined, signal)).image;
     }
     return getCounts(`/api/sequence/image/${frame}${this.query(at)}`, signal);
@@ -213,6 +219,8 @@ export class Sequence {
     }
     if (this.kept.mode === "beside" && other) {
       this.pictures[1].show(other, look, over);
+    } else {
+      this.pictures[1].clear();
     }
   }
 
@@ -282,12 +290,16 @@ export class Sequence {
     }
   }
 
-  /** Page up and down go through the frames, the space bar plays, wherever one is. */
+  /** Page up and down go through the frames, the space bar plays, `b` changes what blinks, wherever one is. */
   private key(event: KeyboardEvent): void {
     const here = event.target instanceof HTMLElement ? event.target.tagName : "";
     if (event.key === "PageDown" || event.key === "PageUp") {
       event.preventDefault();
       this.go(event.key === "PageDown" ? 1 : -1, false);
+    } else if (event.key === "b" && this.kept.mode === "blink") {
+      this.second = !this.second;
+      this.draw();
+      this.tellPoint();
     } else if (event.key === " " && !["BUTTON", "SELECT", "INPUT", "SUMMARY"].includes(here)) {
       event.preventDefault();
       this.play();
@@ -311,5 +323,5 @@ function drawHistogram(image: Numbers, range: [number, number]): HTMLElement {
     const height = (100 * Math.log1p(count)) / most;
     return s("rect", { x: (300 * k) / BINS, y: 100 - height, width: 300 / BINS - 0.6, height, fill: colour("bar") });
   });
-  return h("figure", { class: "histogram" }, s("svg", { viewBox: "0 0 300 100", role: "img", "aria-label": "Histogram of the values" }, ...bars) as unknown as HTMLElement, h("figcaption", { class: "dim" }, `${told(range[0])} to ${told(range[1])}; pixels a bin on a logarithmic scale`));
+  return h("figure", { class: "histogram" }, s("svg", { viewBox: "0 0 300 100", preserveAspectRatio: "none", role: "img", "aria-label": "Histogram of the values" }, ...bars) as unknown as HTMLElement, h("figcaption", { class: "dim" }, `${told(range[0])} to ${told(range[1])}; pixels a bin on a logarithmic scale`));
 }

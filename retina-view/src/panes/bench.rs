@@ -15,7 +15,7 @@ use serde::Deserialize;
 use serde_json::json;
 
 use super::{image_bytes, locked, setup_of, with_facts};
-use crate::api::{Answer, App, Shared, beside};
+use crate::api::{Answer, App, Shared, beside, within};
 use crate::failure::Refusal;
 
 /// Benches that are kept: one for each way in which a point's image is seen.
@@ -125,7 +125,8 @@ fn shown(app: &App, setup: &Setup, shown: &Shown) -> Result<ScreenImage, Refusal
             Ok(image)
         }
         Shown::Frame { at, frame } => {
-            let path = app.path(at)?.join("frames").join(format!("{frame:06}.png"));
+            let folder = app.path(at)?;
+            let path = within(&folder, folder.join("frames").join(format!("{frame:06}.png")))?;
             // Another size is refused by the bench, which says what it expects.
             Ok(read_screen(&path)?)
         }
@@ -160,7 +161,9 @@ async fn image(State(app): Shared, Json(asked): Json<Asked>) -> Answer {
         let exposure_s = match asked.exposure_s {
             Some(value) if value > 0.0 && value < 1e6 => value,
             Some(_) => {
-                return Err(Refusal::conflict("the exposure is out of range: seconds above 0 are expected"));
+                return Err(Refusal::conflict(
+                    "the exposure is out of range: seconds above 0 and below 1e6 are expected",
+                ));
             }
             None => AUTO_LEVEL * full_well_e / f64::from(brightest).max(1e-6),
         };

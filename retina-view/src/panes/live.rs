@@ -260,6 +260,8 @@ async fn pose(State(app): Shared, Json(asked): Json<Asked>) -> Answer {
             None => parse_toml(&open.file, &text)?,
         };
         scene.insert("trajectory".to_owned(), "pose.csv".into());
+        // As bright as it is seen here.
+        scene.insert("radiance_scale".to_owned(), "auto".into());
         let trajectory = Trajectory::new(POSE.as_ref(), vec![pose]);
         json_of(json!({ "pose.csv": trajectory.to_csv(), "scene.toml": scene.to_string() }))
     })

@@ -179,5 +179,14 @@ async fn system(State(app): Shared, Json(asked): Json<Asked>) -> Answer {
 }
 
 async fn designs(State(app): Shared, Query(at): Query<At>) -> Answer {
-    beside(move || json_of(document(&app, &at.at)?)).await
+    beside(move || {
+        let document = document(&app, &at.at)?;
+        if document["schema"] != "retina.optics-search/1" || !document["designs"].is_array() {
+            return Err(InputError::new(Path::new(&at.at), "is no document of a lens search")
+                .expected("what `retina optics search --json` prints")
+                .into());
+        }
+        json_of(document)
+    })
+    .await
 }

@@ -10,7 +10,7 @@ use retina_files::{InputError, read_text};
 use serde_json::{Value, json};
 
 use super::At;
-use crate::api::{Answer, App, Shared, beside, json_of};
+use crate::api::{Answer, App, Shared, beside, json_of, within};
 use crate::served::RESULTS;
 use crate::session::file_name;
 
@@ -26,6 +26,7 @@ async fn results(State(app): Shared, Query(at): Query<At>) -> Answer {
             let entries = std::fs::read_dir(&path)
                 .map_err(|error| InputError::new(&path, format!("cannot be read: {error}")))?;
             files = entries.flatten().map(|entry| entry.path()).filter(|file| file.is_file()).collect();
+            files.retain(|file| within(&path, file.clone()).is_ok());
             files.sort();
         }
         let mut documents = Vec::new();

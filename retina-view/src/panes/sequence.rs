@@ -13,7 +13,7 @@ use retina_files::{InputError, read_bytes, read_text};
 use serde_json::{Value, json};
 
 use super::{At, image_bytes};
-use crate::api::{Answer, App, Shared, beside, bytes_of, json_of};
+use crate::api::{Answer, App, Shared, beside, bytes_of, json_of, within};
 use crate::failure::Refusal;
 use crate::session::file_name;
 
@@ -26,23 +26,26 @@ pub(super) fn routes() -> Router<Arc<App>> {
 }
 
 /// A file of a frame, of those that a run writes.
-fn file_of(dir: &Path, kind: &str, frame: usize, extension: &str) -> PathBuf {
-    dir.join(kind).join(format!("{frame:06}.{extension}"))
+fn file_of(dir: &Path, kind: &str, frame: usize, extension: &str) -> Result<PathBuf, Refusal> {
+    within(dir, dir.join(kind).join(format!("{frame:06}.{extension}")))
 }
+
+/// Frames in which the layers' names are looked for: a damaged one hides nothing of the others.
+const LOOKED_AT: usize = 5;
 
 async fn about(State(app): Shared, Query(at): Query<At>) -> Answer {
     beside(move || {
         let dir = app.path(&at.at)?;
         let state = FolderState::read(&dir, false)?
             .ok_or_else(|| InputError::new(&dir, "is no folder that `retina render` wrote"))?;
-        let record_file = dir.join("batch.json");
+        let record_file = within(&dir, dir.join("batch.json"))?;
         let record: Value = serde_json::from_str(&read_text(&record_file)?)
             .map_err(|error| InputError::new(&record_file, format!("is no JSON: {error}")))?;
-        let exr = state.done.first().map(|&first| file_of(&dir, "frames", first, "exr"));
-        let layers = match exr.filter(|file| file.is_file()) {
-            Some(file) => read_exr(&file)?.0.channels.into_iter().map(|(name, _)| name).collect(),
-            None => Vec::new(),
-        };
+        let exr = state.done.iter().take(LOOKED_AT).find_map(|&frame| {
+            let (image, _) = read_exr(&file_of(&dir, "frames", frame, "exr").ok()?).ok()?;
+            Some(image.channels)
+        });
+        let layers: Vec<String> = exr.unwrap_or_default().into_iter().map(|(name, _)| name).collect();
         json_of(json!({
             "name": file_name(&dir),
             "frames": state.done,
@@ -57,7 +60,7 @@ async fn about(State(app): Shared, Query(at): Query<At>) -> Answer {
 
 async fn image(State(app): Shared, Route(frame): Route<usize>, Query(at): Query<At>) -> Answer {
     beside(move || {
-        let bytes = read_bytes(&file_of(&app.path(&at.at)?, "frames", frame, "png"))?;
+        let bytes = read_bytes(&file_of(&app.path(&at.at)?, "frames", frame, "png")?)?;
         Ok(([(header::CONTENT_TYPE, "image/png")], bytes).into_response())
     })
     .await
@@ -65,7 +68,7 @@ async fn image(State(app): Shared, Route(frame): Route<usize>, Query(at): Query<
 
 async fn truth(State(app): Shared, Route(frame): Route<usize>, Query(at): Query<At>) -> Answer {
     beside(move || {
-        let text = read_text(&file_of(&app.path(&at.at)?, "truth", frame, "json"))?;
+        let text = read_text(&file_of(&app.path(&at.at)?, "truth", frame, "json")?)?;
         Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
     })
     .await
@@ -77,7 +80,7 @@ async fn layer(
     Query(at): Query<At>,
 ) -> Answer {
     beside(move || {
-        let (image, _) = read_exr(&file_of(&app.path(&at.at)?, "frames", frame, "exr"))?;
+        let (image, _) = read_exr(&file_of(&app.path(&at.at)?, "frames", frame, "exr")?)?;
         let values = image.channels.into_iter().find(|(own, _)| *own == name);
         let (_, values) = values.ok_or_else(|| Refusal::not_found("such layer"))?;
         bytes_of(image_bytes([image.width_px, image.height_px], values.into_iter().map(f32::to_le_bytes)))
