@@ -39,13 +39,15 @@ pub(crate) struct App {
 impl App {
     /// The file or folder that the page names.
     pub(crate) fn path(&self, named: &str) -> Result<PathBuf, Refusal> {
-        self.served.path(named).ok_or_else(|| {
-            Refusal::new(
-                StatusCode::FORBIDDEN,
-                format!("`{named}` is not in the paths that were given to `retina view`"),
-            )
-        })
+        self.served.path(named).ok_or_else(|| outside(named))
     }
+}
+
+fn outside(named: &str) -> Refusal {
+    Refusal::new(
+        StatusCode::FORBIDDEN,
+        format!("`{named}` is not in the paths that were given to `retina view`"),
+    )
 }
 
 /// A file of a folder of the given paths (as [`App::path`] gives it). Links that lead out of the folder are refused; of a
@@ -157,7 +159,9 @@ struct Named {
 
 async fn open(State(app): Shared, Json(named): Json<Named>) -> Answer {
     beside(move || {
-        let path = |name: &String| app.path(name);
+        let path = |name: &String| {
+            app.served.path(name).filter(|path| path.is_file()).ok_or_else(|| outside(name))
+        };
         let mut inputs = Inputs::default();
         inputs.put(Kind::Setup, path(&named.setup)?)?;
         for table in &named.tables {

@@ -353,9 +353,10 @@ fn a_lens_system_follows_its_gaps_and_tilts() {
     assert!(worst(&further) > 1.5 * worst(&designed), "{} {}", worst(&further), worst(&designed));
     let tilted =
         traced(json!({ "groups": { "relay": { "tilt_deg": [2.0, 0.0], "shift_mm": [0.0, 0.0] } } })).json();
-    assert!(worst(&tilted) > 1.02 * worst(&designed));
+    let middle = |system: &Value| system["fields"][0]["centroid_mm"][1].as_f64().unwrap();
+    assert!((middle(&tilted) - middle(&designed)).abs() > 0.01, "{}", middle(&tilted));
     assert!(designed["layout"].as_str().unwrap().starts_with("<svg"));
-    assert_eq!(traced(json!({ "gaps_mm": { "3": 1.0 } })).status, 404, "a lens is no gap");
+    assert_eq!(traced(json!({ "gaps_mm": { "1": 1.0 } })).status, 404, "a lens is no gap");
     assert_eq!(
         traced(json!({ "groups": { "camera": { "tilt_deg": [0, 0], "shift_mm": [0, 0] } } })).status,
         404
