@@ -159,9 +159,8 @@ struct Named {
 
 async fn open(State(app): Shared, Json(named): Json<Named>) -> Answer {
     beside(move || {
-        let path = |name: &String| {
-            app.served.path(name).filter(|path| path.is_file()).ok_or_else(|| outside(name))
-        };
+        let path =
+            |name: &String| app.served.path(name).filter(|path| path.is_file()).ok_or_else(|| outside(name));
         let mut inputs = Inputs::default();
         inputs.put(Kind::Setup, path(&named.setup)?)?;
         for table in &named.tables {
