@@ -144,7 +144,9 @@ mod tests {
             let off_m = (place_m - earth.position_m - DVec3::from_array(expected_m)).length();
             // UT1 - UTC is 0.009 and -0.025 s there: 3 and 10 m.
             assert!(off_m < 40.0, "{epoch}: {off_m} m");
-            assert!(((velocity_m_s - earth.velocity_m_s).length() - expected_speed(expected_m)).abs() < 0.5);
+            // The axis of the date is 0.13 deg from ICRF's pole in 2023: up to 0.8 m/s.
+            let speed_m_s = (velocity_m_s - earth.velocity_m_s).length();
+            assert!((speed_m_s - expected_speed(expected_m)).abs() < 2.0, "{speed_m_s} m/s");
         }
     }
 
