@@ -8,8 +8,9 @@ use std::path::Path;
 use glam::DVec3;
 use retina_files::{InputError, read_bytes};
 
+use crate::kind::LoadedMesh;
 use crate::load::{MAX_COORDINATE_M, MAX_ELEMENTS};
-use crate::obj::{ObjBody, plain_mesh};
+use crate::obj::plain_mesh;
 
 const RECORD_BYTES: usize = 1024;
 /// Words of a record: characters, doubles, integers.
@@ -30,7 +31,7 @@ const TYPE_PLATES: f64 = 2.0;
 ///
 /// # Errors
 /// The file is no little-endian DSK kernel or is damaged; it has a segment of another type, or several bodies.
-pub(crate) fn load_dsk(path: &Path) -> Result<ObjBody, InputError> {
+pub(crate) fn load_dsk(path: &Path) -> Result<LoadedMesh, InputError> {
     let bytes = read_bytes(path)?;
     let file = Das::open(path, &bytes)?;
     let (mut positions_m, mut triangles) = (Vec::new(), Vec::new());

@@ -9,8 +9,9 @@ use std::path::Path;
 use glam::DVec3;
 use retina_files::{InputError, read_bytes};
 
+use crate::kind::LoadedMesh;
 use crate::load::{MAX_COORDINATE_M, MAX_ELEMENTS};
-use crate::obj::{ObjBody, plain_mesh};
+use crate::obj::plain_mesh;
 
 const FACES: usize = 6;
 const KM: f64 = 1e3;
@@ -19,7 +20,7 @@ const KM: f64 = 1e3;
 ///
 /// # Errors
 /// The file cannot be read, holds what is no number, or another count of vertices than its q says.
-pub(crate) fn load_icq(path: &Path) -> Result<ObjBody, InputError> {
+pub(crate) fn load_icq(path: &Path) -> Result<LoadedMesh, InputError> {
     let bytes = read_bytes(path)?;
     let text = String::from_utf8_lossy(&bytes);
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());

@@ -8,7 +8,8 @@ use crate::body::Body;
 use crate::dsk::load_dsk;
 use crate::icq::load_icq;
 use crate::load::load_gltf;
-use crate::obj::{ObjBody, load_obj};
+use crate::obj::load_obj;
+use crate::paint::Layout;
 
 /// Kinds of model files that are read, by the file name's extension.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,11 +60,22 @@ pub fn load_body(path: &Path) -> Result<Body, InputError> {
     }
 }
 
+/// A body from a file that gives it no materials.
+#[derive(Debug, Clone)]
+pub struct LoadedMesh {
+    /// The body, of relative albedo 1 everywhere until it is painted: see [`Body::paint`].
+    pub body: Body,
+    /// How a texture lies on it: by an OBJ file's `vt`, otherwise by longitude and latitude.
+    pub layout: Layout,
+    /// What of the file was not read, one sentence each.
+    pub notes: Vec<String>,
+}
+
 /// Loads a mesh that has no materials: a `.obj`, `.icq`, `.bds` or `.dsk` file.
 ///
 /// # Errors
 /// A glTF file or another extension; whatever the kind's reader refuses.
-pub fn load_mesh(path: &Path) -> Result<ObjBody, InputError> {
+pub fn load_mesh(path: &Path) -> Result<LoadedMesh, InputError> {
     match ModelKind::of(path)? {
         ModelKind::Obj => load_obj(path),
         ModelKind::Icq => load_icq(path),

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use glam::{DMat3, DVec3, Vec3};
 use proptest::prelude::*;
-use retina_model::{Layout, ObjBody, load_body, load_obj};
+use retina_model::{Layout, LoadedMesh, load_body, load_obj};
 
 fn file(text: &str) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
@@ -16,7 +16,7 @@ fn file(text: &str) -> (tempfile::TempDir, PathBuf) {
     (folder, path)
 }
 
-fn load(text: &str) -> ObjBody {
+fn load(text: &str) -> LoadedMesh {
     load_obj(&file(text).1).unwrap()
 }
 
@@ -152,7 +152,7 @@ fn a_map_lies_by_longitude_and_latitude_where_there_are_no_coordinates() {
     let map = folder.path().join("map.png");
     let image = image::GrayImage::from_fn(64, 32, |_, y| image::Luma([if y < 16 { 200 } else { 100 }]));
     image.save(&map).unwrap();
-    let ObjBody { mut body, layout, .. } = load(OCTAHEDRON);
+    let LoadedMesh { mut body, layout, .. } = load(OCTAHEDRON);
     assert_eq!(layout, Layout::LongitudeLatitude);
     let mean = body.paint(&map, layout).unwrap();
     // IEC 61966-2-1: code 200 is 0.577580, code 100 is 0.127438; the halves are equal by symmetry.

@@ -218,11 +218,6 @@ impl Ephemeris {
         theories.into_iter().chain(files).collect::<Vec<_>>().join(", ")
     }
 
-    /// Whether places are those of the theories.
-    pub fn is_analytic(&self) -> bool {
-        self.kernels().is_none()
-    }
-
     pub(crate) fn kernels(&self) -> Option<&Kernels> {
         self.loaded.as_ref()?.places.as_ref()
     }

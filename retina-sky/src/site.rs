@@ -69,7 +69,7 @@ impl Site {
     }
 
     /// Place (m) and velocity (m/s) from the Solar System's barycentre, ICRF. The Earth is turned by a kernel, if one has
-    /// its axes; otherwise see [`earth_from_inertial`].
+    /// its axes; otherwise by SOFA's precession, nutation and rotation angle, 100 m off (UT1 is taken for UTC).
     ///
     /// # Errors
     /// The epoch (TDB seconds since J2000) is outside the ephemeris.

@@ -7,6 +7,8 @@ use retina_files::{InputError, read_text};
 use retina_formats::TableKind;
 use serde::Serialize;
 
+use crate::session::file_name;
+
 /// What a file or a folder is to the page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -57,8 +59,10 @@ const MOST_ENTRIES: usize = 20_000;
 /// A file that the workbench takes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub(crate) struct Found {
-    /// As the page names it: the number of the given path, and the path within it.
+    /// As the page asks for it: the number of the given path, and the path within it.
     pub(crate) path: String,
+    /// As people know it: the path within the given one, or the given one's own name.
+    pub(crate) name: String,
     /// What it is.
     pub(crate) kind: Kind,
 }
@@ -144,7 +148,12 @@ impl Served {
             found.sort();
             for (path, kind) in found {
                 let within = path.strip_prefix(root).unwrap_or(&path);
-                out.push(Found { path: format!("{number}/{}", within.display()), kind });
+                let name = if within.as_os_str().is_empty() {
+                    file_name(root)
+                } else {
+                    within.display().to_string()
+                };
+                out.push(Found { path: format!("{number}/{}", within.display()), name, kind });
                 if out.len() == MOST_FILES {
                     return out;
                 }
@@ -257,6 +266,10 @@ fn ends(path: &Path) -> std::io::Result<String> {
 mod tests {
     use super::*;
 
+    fn found(within: &str, kind: Kind) -> Found {
+        Found { path: format!("0/{within}"), name: within.to_owned(), kind }
+    }
+
     #[test]
     fn nothing_outside_the_given_folders_is_found() {
         let dir = tempfile::tempdir().unwrap();
@@ -267,7 +280,7 @@ mod tests {
         std::fs::write(inside.join("deep/points.csv"), table).unwrap();
         std::fs::write(outside.join("points.csv"), table).unwrap();
         let served = Served::new(std::slice::from_ref(&inside)).unwrap();
-        assert_eq!(served.list(), [Found { path: "0/deep/points.csv".to_owned(), kind: Kind::Table }]);
+        assert_eq!(served.list(), [found("deep/points.csv", Kind::Table)]);
         assert!(served.path("0/deep/points.csv").is_some());
         let outer = outside.join("points.csv").display().to_string();
         for path in ["0/../out/points.csv", "0/..", "1/points.csv", "x", "", &outer, &format!("0/{outer}")] {
@@ -290,13 +303,14 @@ mod tests {
         std::fs::write(frames.join("batch.json"), "{}").unwrap();
         std::fs::write(results.join("other.json"), "{\"schema\": \"retina.other/1\"}").unwrap();
         let served = Served::new(&[dir.path().to_path_buf()]).unwrap();
-        let found = |path: &str, kind| Found { path: path.to_owned(), kind };
-        assert_eq!(served.list(), [found("0/run", Kind::Sequence)]);
+        assert_eq!(served.list(), [found("run", Kind::Sequence)]);
         // A document's schema may stand behind all of its frames.
         let long = format!("{{\"frames\": \"{}\", \"schema\": \"{}\"}}", "x".repeat(1 << 18), RESULTS[0]);
         std::fs::write(results.join("full-disk.json"), long).unwrap();
-        assert_eq!(served.list(), [found("0/fd", Kind::Results), found("0/run", Kind::Sequence)]);
+        assert_eq!(served.list(), [found("fd", Kind::Results), found("run", Kind::Sequence)]);
         assert!(served.path("0/run").is_some());
+        let alone = Served::new(&[frames]).unwrap().list();
+        assert_eq!((alone[0].path.as_str(), alone[0].name.as_str()), ("0/", "run"));
     }
 
     #[test]

@@ -9,19 +9,9 @@ use glam::{DVec3, Vec2, Vec3};
 use retina_files::{InputError, read_bytes};
 
 use crate::body::{Body, Surface, Vertex};
+use crate::kind::LoadedMesh;
 use crate::paint::Layout;
 use parse::{Corner, Text, parse};
-
-/// A body from an OBJ file.
-#[derive(Debug, Clone)]
-pub struct ObjBody {
-    /// The body, of relative albedo 1 everywhere until it is painted: see [`Body::paint`].
-    pub body: Body,
-    /// How a texture lies on it: by the file's `vt`, or by longitude and latitude where it has none.
-    pub layout: Layout,
-    /// What of the file was not read, one sentence each.
-    pub notes: Vec<String>,
-}
 
 /// Loads an OBJ file: `v`, `vt`, `vn` and `f` with all its forms of corners, indices also counted
 /// backwards; polygons are cut into fans, which is right for convex ones.
@@ -35,7 +25,7 @@ pub struct ObjBody {
 /// # Errors
 /// The file cannot be read, a statement does not fit its form, a face names what does not exist
 /// (with the line); no triangle has an area.
-pub fn load_obj(path: &Path) -> Result<ObjBody, InputError> {
+pub fn load_obj(path: &Path) -> Result<LoadedMesh, InputError> {
     from_text(path, &parse(path, &read_bytes(path)?)?)
 }
 
@@ -44,7 +34,7 @@ pub(crate) fn plain_mesh(
     path: &Path,
     positions_m: Vec<DVec3>,
     triangles: &[[u32; 3]],
-) -> Result<ObjBody, InputError> {
+) -> Result<LoadedMesh, InputError> {
     let corner = |position: u32| Corner { position, texture: None, normal: None };
     let triangle =
         |corners: &[u32; 3]| parse::Triangle { corners: corners.map(corner), smooth: false, line: 0 };
@@ -52,7 +42,7 @@ pub(crate) fn plain_mesh(
     from_text(path, &Text { positions_m, triangles, ..Text::default() })
 }
 
-fn from_text(path: &Path, text: &Text) -> Result<ObjBody, InputError> {
+fn from_text(path: &Path, text: &Text) -> Result<LoadedMesh, InputError> {
     let layout = layout(path, text)?;
     let mut notes = notes(text);
     let (mut body, position_of) = assemble(path, text)?;
@@ -61,7 +51,7 @@ fn from_text(path: &Path, text: &Text) -> Result<ObjBody, InputError> {
         notes.push("the faces wind clockwise seen from outside; they are taken the other way round".into());
     }
     derive_normals(&mut body, &position_of, text.positions_m.len());
-    Ok(ObjBody { body, layout, notes })
+    Ok(LoadedMesh { body, layout, notes })
 }
 
 /// By `vt` if every corner has one.

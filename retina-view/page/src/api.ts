@@ -129,7 +129,7 @@ export interface StartDocument {
   version: string;
   first: string | null;
   sessions: { id: string; name: string; effects: string[] }[];
-  files: { path: string; kind: "setup" | "calibration" | "table" | "scene" | "system" | "designs" | "sequence" | "results" }[];
+  files: { path: string; name: string; kind: "setup" | "calibration" | "table" | "scene" | "system" | "designs" | "sequence" | "results" }[];
   setups: string[];
   systems: string[];
   examples: { id: string; title: string; text: string }[];

@@ -4,7 +4,7 @@ import { get, type StartDocument } from "./api";
 import { h, put } from "./dom";
 import { getNumbers, type Numbers, type Stretch } from "./image";
 import { type Over, Picture } from "./picture";
-import { checkbox, facts, field, Latest, remember, remembered, select, Shell } from "./shell";
+import { checkbox, facts, field, Latest, remember, remembered, select, sequences, Shell } from "./shell";
 
 interface Facts {
   seconds: number;
@@ -45,9 +45,9 @@ const BLINK_MS = 900;
 export class BenchPane {
   private readonly shell: Shell;
   private readonly kept: Kept;
-  private start_: StartDocument | null = null;
+  private runs: [string, string][] = [];
   private images: { screen: Numbers | null; camera: Numbers | null } = { screen: null, camera: null };
-  private facts_: Facts | null = null;
+  private exposure: Facts | null = null;
   private spot: SpotFacts | null = null;
   private blinker = 0;
   private second = false;
@@ -65,7 +65,13 @@ export class BenchPane {
     this.kept = remembered<Kept>(`bench ${at}`, { setup: at, screen: "grid", frame: 0, columns: 24, count: 255, points: "full", ghosts: true, noise: true, exposure_s: null, stretch: "root", mode: "camera" });
     this.kept.setup = at;
     this.shell = new Shell(page, "Bench", at.replace(/^\d+\/?/, "") || "the given setup", "pane");
-    this.exposures = new Latest(() => this.expose(), this.shell.failed);
+    this.exposures = new Latest(
+      () => this.expose(),
+      (error) => {
+        put(this.side);
+        this.shell.failed(error);
+      },
+    );
     this.spots = new Latest((place) => this.showSpot(place), this.shell.failed);
     this.picture.pressed = (x, y) => {
       if (!this.showsCamera()) {
@@ -89,7 +95,7 @@ export class BenchPane {
   }
 
   private async start(): Promise<void> {
-    this.start_ = await get<StartDocument>("/api/start", this.shell.closed.signal);
+    this.runs = sequences(await get<StartDocument>("/api/start", this.shell.closed.signal));
     this.drawControls();
     this.setMode(this.kept.mode);
     this.exposures.ask(null);
@@ -102,8 +108,8 @@ export class BenchPane {
   }
 
   private drawControls(): void {
-    const runs = (this.start_?.files ?? []).filter((file) => file.kind === "sequence").map((file) => file.path);
-    if (this.kept.screen !== "grid" && !runs.includes(this.kept.screen)) {
+    const { runs } = this;
+    if (this.kept.screen !== "grid" && !runs.some(([path]) => path === this.kept.screen)) {
       this.kept.screen = "grid";
     }
     const grid = this.kept.screen === "grid";
@@ -117,7 +123,7 @@ export class BenchPane {
     put(
       this.controls,
       field("Look at", select("mode", [["camera", "the camera"], ["screen", "the screen"], ["blink", "both, blinking"]], this.kept.mode, (value) => this.setMode(value as Kept["mode"]))),
-      field("Screen shows", select("screen", [["grid", "a grid of single pixels"], ...runs.map((path): [string, string] => [path, path.replace(/^\d+\//, "") || path])], this.kept.screen, (value) => {
+      field("Screen shows", select("screen", [["grid", "a grid of single pixels"], ...runs], this.kept.screen, (value) => {
         this.kept.screen = value;
         this.drawControls();
         this.set("screen", value);
@@ -165,7 +171,7 @@ export class BenchPane {
     const [screen, camera] = await Promise.all([getNumbers("/api/bench/screen", "u8", this.asked(), signal), getNumbers<Facts>("/api/bench/image", "u16", this.asked(), signal)]);
     this.shell.mended();
     this.images = { screen: screen.image, camera: camera.image };
-    this.facts_ = camera.facts;
+    this.exposure = camera.facts;
     this.draw();
     const found = camera.facts;
     put(
@@ -196,7 +202,7 @@ export class BenchPane {
         c.stroke();
       });
     if (this.showsCamera()) {
-      this.picture.show(camera, { stretch: this.kept.stretch, range: [0, this.facts_?.largest_dn ?? 4095], signed: false }, mark(this.spot?.centroid_px ?? null));
+      this.picture.show(camera, { stretch: this.kept.stretch, range: [0, this.exposure?.largest_dn ?? 4095], signed: false }, mark(this.spot?.centroid_px ?? null));
     } else {
       this.picture.show(screen, { stretch: this.kept.stretch, range: [0, 255], signed: false }, mark(this.spot?.screen_px ?? null));
     }

@@ -27,7 +27,10 @@ export async function getNumbers<F>(path: string, type: "u8" | "u16" | "f32", bo
 /** The counts of a grey PNG. */
 export async function getCounts(path: string, signal: AbortSignal): Promise<Numbers> {
   const response = await answer(path, { signal });
-  const bitmap = await createImageBitmap(await response.blob(), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+  const bytes = await response.blob();
+  const bitmap = await createImageBitmap(bytes, { colorSpaceConversion: "none", premultiplyAlpha: "none" }).catch(() => {
+    throw new Refused(0, { problem: "The frame's PNG is damaged: it does not decode." });
+  });
   const { width, height } = bitmap;
   const canvas = new OffscreenCanvas(width, height);
   const context = canvas.getContext("2d", { willReadFrequently: true });

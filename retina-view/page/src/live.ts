@@ -92,7 +92,7 @@ export class LivePane {
     const kept = remembered<{ body: string; frame: number; view: View | null; photometry: string | null }>(`scene ${this.at}`, { body: "", frame: 0, view: null, photometry: null });
     const begun = body === null && frame === null;
     const ask = (wanted: string, at: number): Promise<About> =>
-      get<About>(`/api/scene?at=${encodeURIComponent(this.at)}&frame=${at}${wanted === "" ? "" : `&body=${encodeURIComponent(wanted)}`}`, this.shell.closed.signal);
+      get<About>(`/api/scene?at=${encodeURIComponent(this.at)}&frame=${at}&anew=${begun}${wanted === "" ? "" : `&body=${encodeURIComponent(wanted)}`}`, this.shell.closed.signal);
     const before = this.about?.body;
     this.frame = frame ?? kept.frame;
     let again = begun;

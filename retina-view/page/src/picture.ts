@@ -1,5 +1,6 @@
 // A picture that one can look into: zoom, move, read values under the cursor, draw over it.
 
+import { drawable, emptied } from "./canvas";
 import { colour } from "./dom";
 import { coloured, extent, type Numbers, type Stretch } from "./image";
 
@@ -35,18 +36,9 @@ export class Picture {
     label: string,
     private readonly read: (x: number, y: number, value: number) => void,
   ) {
-    this.canvas = document.createElement("canvas");
-    this.canvas.tabIndex = 0;
+    ({ canvas: this.canvas, context: this.context } = drawable(name, () => this.redraw()));
     this.canvas.className = "picture";
-    this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", label);
-    this.canvas.setAttribute("data-key", name);
-    const context = this.canvas.getContext("2d");
-    if (!context) {
-      throw new Error("this browser has no canvas");
-    }
-    this.context = context;
-    new ResizeObserver(() => this.redraw()).observe(this.canvas);
     this.canvas.addEventListener("pointerdown", (event) => this.down(event));
     this.canvas.addEventListener("pointermove", (event) => this.move(event));
     this.canvas.addEventListener("pointerup", (event) => this.up(event));
@@ -100,17 +92,13 @@ export class Picture {
   }
 
   redraw(): void {
-    const ratio = window.devicePixelRatio || 1;
-    const { clientWidth, clientHeight } = this.canvas;
-    this.canvas.width = Math.round(clientWidth * ratio);
-    this.canvas.height = Math.round(clientHeight * ratio);
+    const c = this.context;
+    emptied(this.canvas, c);
     const { image, pixels } = this;
-    if (!image || !pixels || clientWidth < 20) {
+    if (!image || !pixels || this.canvas.clientWidth < 20) {
       return;
     }
-    const c = this.context;
     const { zoom } = this.at();
-    c.setTransform(ratio, 0, 0, ratio, 0, 0);
     const [left, top] = this.toCanvas(0, 0);
     c.imageSmoothingEnabled = zoom < 1.5;
     c.imageSmoothingQuality = "high";

@@ -1,5 +1,6 @@
 // A canvas with axes and a brush: what the field and the scatter share.
 
+import { drawable, emptied } from "./canvas";
 import { colour } from "./dom";
 import { ticks, told } from "./rows";
 
@@ -43,16 +44,7 @@ export class Plot {
     private readonly draw: () => void,
     private readonly brushed: (box: Box | null) => void,
   ) {
-    this.canvas = document.createElement("canvas");
-    this.canvas.tabIndex = 0;
-    this.canvas.setAttribute("role", "img");
-    this.canvas.setAttribute("data-key", name);
-    const context = this.canvas.getContext("2d");
-    if (!context) {
-      throw new Error("this browser has no canvas");
-    }
-    this.context = context;
-    new ResizeObserver(() => this.redraw()).observe(this.canvas);
+    ({ canvas: this.canvas, context: this.context } = drawable(name, () => this.redraw()));
     this.canvas.addEventListener("pointerdown", (event) => this.down(event));
     this.canvas.addEventListener("pointermove", (event) => this.move(event));
     this.canvas.addEventListener("pointerup", (event) => this.up(event));
@@ -90,16 +82,11 @@ export class Plot {
   }
 
   redraw(): void {
-    const ratio = window.devicePixelRatio || 1;
-    const { clientWidth, clientHeight } = this.canvas;
-    this.canvas.width = Math.round(clientWidth * ratio);
-    this.canvas.height = Math.round(clientHeight * ratio);
-    if (clientWidth < 40) {
+    const c = this.context;
+    emptied(this.canvas, c);
+    if (this.canvas.clientWidth < 40) {
       return;
     }
-    const c = this.context;
-    c.setTransform(ratio, 0, 0, ratio, 0, 0);
-    c.clearRect(0, 0, clientWidth, clientHeight);
     this.drawAxes();
     const { left, top, width, height } = this.inner();
     c.save();
@@ -131,7 +118,7 @@ export class Plot {
     }
     c.textAlign = "right";
     c.textBaseline = "middle";
-    for (const tick of ticks(Math.min(y.low, y.high), Math.max(y.low, y.high), Math.max(2, height / 45))) {
+    for (const tick of ticks(Math.min(y.low, y.high), Math.max(y.low, y.high), Math.max(4, height / 45))) {
       const at = Math.round(this.py(tick)) + 0.5;
       c.beginPath();
       c.moveTo(left, at);

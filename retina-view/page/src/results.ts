@@ -6,7 +6,7 @@ import { getCounts } from "./image";
 import { above, around, Lines, type Series } from "./lines";
 import { Picture } from "./picture";
 import { told } from "./rows";
-import { facts, field, Latest, remember, remembered, select, Shell } from "./shell";
+import { facts, field, Latest, remember, remembered, select, sequences, Shell } from "./shell";
 
 type Row = Record<string, unknown>;
 
@@ -164,7 +164,7 @@ export class ResultsPane {
   private readonly kept: Kept;
   private shown: Shown[] = [];
   private lines: Lines[] = [];
-  private runs: string[] = [];
+  private runs: [string, string][] = [];
   private readonly picture = new Picture("picture", "The image of the instant", () => undefined);
   private readonly plots = h("div", { class: "plots-of-time" });
   private readonly slider = h("input", { type: "range", min: 0, step: 1, "data-key": "instant", "aria-label": "Instant" });
@@ -202,7 +202,7 @@ export class ResultsPane {
   private async start(): Promise<void> {
     const signal = this.shell.closed.signal;
     const [results, start] = await Promise.all([get<Results>(`/api/results?at=${encodeURIComponent(this.at)}`, signal), get<StartDocument>("/api/start", signal)]);
-    this.runs = start.files.filter((file) => file.kind === "sequence").map((file) => file.path);
+    this.runs = sequences(start);
     this.shown = shownOf(results);
     if (this.shown.length === 0) {
       put(this.plots, h("p", { class: "dim" }, "These results have no list of frames, poses or sessions yet."));
@@ -214,14 +214,15 @@ export class ResultsPane {
   private choose(list: number, row: number): void {
     this.kept.list = list;
     const shown = this.shown[list] as Shown;
-    if (!this.runs.includes(this.kept.sequence)) {
-      this.kept.sequence = this.runs.find((path) => shown.sequence !== null && path.endsWith(`/${shown.sequence}`)) ?? this.runs[0] ?? "";
+    if (!this.runs.some(([path]) => path === this.kept.sequence)) {
+      const own = this.runs.find(([, name]) => shown.sequence !== null && name.split("/").pop() === shown.sequence);
+      this.kept.sequence = (own ?? this.runs[0])?.[0] ?? "";
     }
     put(
       this.controls,
       field("Results", select("list", this.shown.map((own, k): [string, string] => [String(k), own.title]), String(list), (value) => this.choose(Number(value), 0))),
       shown.images && this.runs.length > 0
-        ? field("Images", select("sequence", this.runs.map((path): [string, string] => [path, path.replace(/^\d+\//, "") || path]), this.kept.sequence, (value) => {
+        ? field("Images", select("sequence", this.runs, this.kept.sequence, (value) => {
             this.kept.sequence = value;
             this.goTo(this.kept.row);
           }))

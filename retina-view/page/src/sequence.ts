@@ -5,7 +5,7 @@ import { colour, h, put, s } from "./dom";
 import { extent, getCounts, getNumbers, histogram, type Numbers, type Stretch } from "./image";
 import { type Look, Picture } from "./picture";
 import { told } from "./rows";
-import { checkbox, facts, field, Latest, remember, remembered, select, Shell } from "./shell";
+import { checkbox, facts, field, Latest, remember, remembered, select, sequences, Shell } from "./shell";
 import { drawTruth, type Layers, type Truth } from "./truth";
 
 interface About {
@@ -58,7 +58,14 @@ export class Sequence {
     this.kept = remembered<Kept>(`sequence ${at}`, { frame: -1, layer: "counts", stretch: "linear", other: "", mode: "one", limb: true, axes: true, terminator: true, stars: true });
     this.shell = new Shell(page, "Sequence", at.replace(/^\d+\/?/, "") || "the given folder", "pane");
     this.pictures = [0, 1].map((k) => new Picture(`picture-${k}`, k === 0 ? "The frame" : "The frame of the other run", (x, y) => this.point(x, y))) as [Picture, Picture];
-    this.loads = new Latest((position) => this.load(position), this.shell.failed);
+    this.loads = new Latest(
+      (position) => this.load(position),
+      (error) => {
+        // Back to the frame that is shown.
+        this.slider.value = String(Math.max(0, this.about?.frames.indexOf(this.kept.frame) ?? 0));
+        this.shell.failed(error);
+      },
+    );
     this.slider.addEventListener("input", () => this.loads.ask(Number(this.slider.value)));
     document.addEventListener("keydown", (event) => this.key(event), { signal: this.shell.closed.signal });
     this.shell.main.append(
@@ -82,7 +89,7 @@ export class Sequence {
     const signal = this.shell.closed.signal;
     this.about = await get<About>(`/api/sequence${this.query(this.at)}`, signal);
     const start = await get<StartDocument>("/api/start", signal);
-    const runs = start.files.filter((file) => file.kind === "sequence").map((file) => file.path);
+    const runs = sequences(start);
     const last = this.about.frames.length - 1;
     if (last < 0) {
       put(this.stage, h("p", { class: "dim" }, "This folder holds no finished frame yet."));
@@ -92,17 +99,17 @@ export class Sequence {
     if (this.kept.layer !== "counts" && !this.about.layers.includes(this.kept.layer)) {
       this.kept.layer = "counts";
     }
-    if (this.kept.other !== "" && runs.includes(this.kept.other)) {
+    if (this.kept.other !== "" && runs.some(([path]) => path === this.kept.other)) {
       this.other = await get<About>(`/api/sequence${this.query(this.kept.other)}`, signal);
     } else {
       [this.kept.other, this.kept.mode] = ["", "one"];
     }
-    this.drawControls(runs.filter((path) => path.replace(/\/$/, "") !== this.at.replace(/\/$/, "")));
+    this.drawControls(runs.filter(([path]) => path.replace(/\/$/, "") !== this.at.replace(/\/$/, "")));
     this.setMode(this.kept.mode);
     this.loads.ask(Math.max(0, this.about.frames.indexOf(this.kept.frame)));
   }
 
-  private drawControls(runs: string[]): void {
+  private drawControls(runs: [string, string][]): void {
     const layers: [string, string][] = [["counts", "digital count"], ...(this.about?.layers ?? []).map((name): [string, string] => [name, LAYERS[name] ?? name])];
     const over = (key: keyof Layers, label: string): HTMLElement =>
       checkbox(`over-${key}`, label, this.kept[key], (value) => {
@@ -126,7 +133,7 @@ export class Sequence {
       over("stars", "stars"),
       runs.length === 0
         ? h("span", { class: "dim" }, "Give a second rendered folder to `retina view` to compare two runs.")
-        : field("Second run", select("other", [["", "none"], ...runs.map((path): [string, string] => [path, path.replace(/^\d+\//, "") || path])], this.kept.other, (value) => void this.choose(value).catch(this.shell.failed))),
+        : field("Second run", select("other", [["", "none"], ...runs], this.kept.other, (value) => void this.choose(value).catch(this.shell.failed))),
       runs.length === 0 ? null : field("Together", select("mode", modes, this.kept.mode, (value) => this.setMode(value as Mode))),
     );
   }

@@ -1,5 +1,6 @@
 // What all panes share: the bar on top, the place of refusals, what is remembered.
 
+import type { StartDocument } from "./api";
 import { h, put, tell } from "./dom";
 import { problemBox, problemOf } from "./problem";
 
@@ -88,6 +89,11 @@ export function checkbox(key: string, label: string, value: boolean, changed: (v
   return h("label", {}, input, label);
 }
 
+/** The rendered sequences of the given paths, for a choice among them. */
+export function sequences(start: StartDocument): [string, string][] {
+  return start.files.filter((file) => file.kind === "sequence").map(({ path, name }) => [path, name]);
+}
+
 /** Rows of a name and a value. */
 export function facts(rows: [string, string][]): HTMLElement {
   return h("div", { class: "scroll", tabindex: 0 }, h("table", {}, h("tbody", {}, ...rows.map(([name, value]) => h("tr", {}, h("th", { scope: "row" }, name), h("td", {}, value))))));
@@ -116,26 +122,29 @@ export function slider(key: string, label: string, range: Range, value: number, 
   const text = (v: number): string => v.toFixed(range.digits ?? 1);
   const bar = h("input", { type: "range", min: 0, max: STEPS, step: 1, "data-key": key, "aria-label": label });
   const box = h("input", { type: "number", step: "any", "data-key": `${key}-number`, "aria-label": `${label}, as a number` });
+  let now = value;
   const set = (v: number): void => {
+    now = v;
     bar.value = String(Math.round(Math.min(1, Math.max(0, share(v))) * STEPS));
     box.value = text(v);
     bar.setAttribute("aria-valuetext", text(v));
   };
   set(value);
   bar.addEventListener("input", () => {
-    const v = at(Number(bar.value) / STEPS);
-    box.value = text(v);
-    bar.setAttribute("aria-valuetext", text(v));
-    moved(v);
+    now = at(Number(bar.value) / STEPS);
+    box.value = text(now);
+    bar.setAttribute("aria-valuetext", text(now));
+    moved(now);
   });
   bar.addEventListener("change", let_go);
   box.addEventListener("change", () => {
-    const v = Number(box.value);
-    if (Number.isFinite(v) && (!log || v > 0)) {
-      set(v);
-      moved(v);
-      let_go();
+    if (box.value.trim() === "") {
+      set(now);
+      return;
     }
+    set(Math.min(high, Math.max(low, Number(box.value))));
+    moved(now);
+    let_go();
   });
   return { element: h("div", { class: "slider" }, h("span", {}, label), bar, box), set };
 }

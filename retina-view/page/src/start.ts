@@ -75,7 +75,7 @@ function sections(start: StartDocument, open: (id: string) => void, failed: (e: 
 
 /** What else can be looked at: links to the panes. */
 function panes(start: StartDocument): HTMLElement {
-  const of = (kind: string): [string, string][] => start.files.filter((file) => file.kind === kind).map(({ path }) => [path, path.replace(/^\d+\//, "") || "the given one"]);
+  const of = (kind: string): [string, string][] => start.files.filter((file) => file.kind === kind).map(({ path, name }) => [path, name]);
   const shipped = (names: string[]): [string, string][] => names.map((name) => [name, name]);
   const group = (pane: string, title: string, text: string, entries: [string, string][], missing: string): HTMLElement =>
     h(
@@ -104,10 +104,9 @@ function panes(start: StartDocument): HTMLElement {
 }
 
 function filesForm(start: StartDocument, opened: (path: string, body: unknown) => void): HTMLElement {
-  const of = (kind: string): string[] => start.files.filter((file) => file.kind === kind).map((file) => file.path);
-  const shown = (path: string): string => path.replace(/^\d+\//, "");
-  const select = (label: string, paths: string[], none: string | null): [HTMLElement, HTMLSelectElement] => {
-    const options = paths.map((path) => h("option", { value: path }, shown(path) || "the given file"));
+  const of = (kind: string): StartDocument["files"] => start.files.filter((file) => file.kind === kind);
+  const select = (label: string, files: StartDocument["files"], none: string | null): [HTMLElement, HTMLSelectElement] => {
+    const options = files.map(({ path, name }) => h("option", { value: path }, name));
     const element = h("select", {}, none === null ? null : h("option", { value: "" }, none), ...options);
     return [h("label", {}, label, element), element];
   };

@@ -175,11 +175,17 @@ struct Start {
     body: Option<String>,
     #[serde(default)]
     frame: usize,
+    /// Reads the files again: what the scene names may have changed on the disk.
+    #[serde(default)]
+    anew: bool,
 }
 
 async fn about(State(app): Shared, Query(start): Query<Start>) -> Answer {
     beside(move || {
         let mut live = locked(&app.panes.live);
+        if start.anew {
+            live.open = None;
+        }
         let asked = Asked {
             at: start.at,
             body: start.body.unwrap_or_default(),

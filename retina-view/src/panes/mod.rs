@@ -14,6 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use axum::Router;
 use axum::http::{HeaderName, HeaderValue};
 use axum::response::{IntoResponse as _, Response};
+use retina_files::{InputError, read_text};
 use retina_geometry::Setup;
 use serde::Deserialize;
 use serde_json::Value;
@@ -60,6 +61,14 @@ fn setup_of(app: &App, named: &str) -> Result<Setup, Refusal> {
     }
 }
 
+fn read_json(file: &Path) -> Result<Value, InputError> {
+    parse_json(file, &read_text(file)?)
+}
+
+fn parse_json(file: &Path, text: &str) -> Result<Value, InputError> {
+    serde_json::from_str(text).map_err(|error| InputError::new(file, format!("is no JSON: {error}")))
+}
+
 /// Numbers of an image as the page reads them: width and height as little-endian u32, then the values row by row.
 fn image_bytes<const N: usize>(
     size_px: [usize; 2],
@@ -74,20 +83,32 @@ fn image_bytes<const N: usize>(
 /// An image with what is known of it in a header.
 fn with_facts(bytes: Vec<u8>, kind: &'static str, facts: &Value) -> Response {
     let mut response = ([(axum::http::header::CONTENT_TYPE, kind)], bytes).into_response();
-    // JSON of ours is ASCII but for names; those are escaped.
-    let ascii: String = facts
-        .to_string()
-        .chars()
-        .flat_map(|c| {
-            if c.is_ascii() {
-                vec![c]
-            } else {
-                c.escape_unicode().filter(|c| *c != '{' && *c != '}').collect()
-            }
-        })
-        .collect();
-    if let Ok(value) = HeaderValue::from_str(&ascii) {
-        response.headers_mut().insert(HeaderName::from_static("x-retina"), value);
-    }
+    response.headers_mut().insert(HeaderName::from_static("x-retina"), ascii_json(facts));
     response
+}
+
+/// A document in ASCII, as a header may hold it: JSON has escapes for all else.
+fn ascii_json(value: &Value) -> HeaderValue {
+    let mut text = String::new();
+    for unit in value.to_string().encode_utf16() {
+        match u8::try_from(unit) {
+            Ok(byte) if byte.is_ascii() => text.push(char::from(byte)),
+            _ => text.push_str(&format!("\\u{unit:04x}")),
+        }
+    }
+    // serde_json escapes what controls; nothing is left that a header refuses.
+    HeaderValue::from_str(&text).unwrap_or(HeaderValue::from_static("{}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn facts_go_through_a_header_whatever_their_names_are() {
+        let facts = serde_json::json!({ "axes": "Mondé \u{1f315}.tf\n", "px": [1.5, -2.0] });
+        let header = ascii_json(&facts);
+        let again: Value = serde_json::from_str(header.to_str().unwrap()).unwrap();
+        assert_eq!(again, facts);
+    }
 }

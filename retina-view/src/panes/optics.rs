@@ -8,7 +8,7 @@ use axum::extract::{Query, State};
 use axum::routing::{get, post};
 use axum::{Json, Router};
 use glam::DVec3;
-use retina_files::{InputError, read_text};
+use retina_files::InputError;
 use retina_optics::analysis::{Mtf, SpotOptions, mtf, spots};
 use retina_optics::glass::Medium;
 use retina_optics::plot::{SpotRow, layout_figure, mtf_figure, spots_figure};
@@ -16,7 +16,7 @@ use retina_optics::{Clipping, OpticalSystem, OpticsError, parse_prescription, re
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::At;
+use super::{At, read_json};
 use crate::api::{Answer, App, Shared, beside, json_of};
 use crate::failure::Refusal;
 
@@ -60,9 +60,7 @@ struct Asked {
 }
 
 fn document(app: &App, at: &str) -> Result<Value, Refusal> {
-    let path = app.path(at)?;
-    Ok(serde_json::from_str(&read_text(&path)?)
-        .map_err(|error| InputError::new(&path, format!("is no JSON: {error}")))?)
+    Ok(read_json(&app.path(at)?)?)
 }
 
 fn source(app: &App, asked: &Asked) -> Result<OpticalSystem, Refusal> {

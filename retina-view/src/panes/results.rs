@@ -1,6 +1,6 @@
 //! Results of navigation: documents and lists as they stand in their files.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use axum::Router;
@@ -9,7 +9,7 @@ use axum::routing::get;
 use retina_files::{InputError, read_text};
 use serde_json::{Value, json};
 
-use super::At;
+use super::{At, parse_json, read_json};
 use crate::api::{Answer, App, Shared, beside, json_of, within};
 use crate::served::RESULTS;
 use crate::session::file_name;
@@ -39,17 +39,17 @@ async fn results(State(app): Shared, Query(at): Query<At>) -> Answer {
 }
 
 /// A document of results, or a list of lines behind a head; `None` of another file.
-fn document(file: &PathBuf) -> Result<Option<Value>, InputError> {
+fn document(file: &Path) -> Result<Option<Value>, InputError> {
     let extension = file.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
     let value = match extension {
-        "json" => parsed(file, &read_text(file)?)?,
+        "json" => read_json(file)?,
         "jsonl" => {
             let text = read_text(file)?;
             // A line that a killed run did not finish is none.
             let mut lines = text.split_inclusive('\n').filter(|line| line.ends_with('\n'));
             let Some(head) = lines.next() else { return Ok(None) };
-            let mut head = parsed(file, head)?;
-            let rows = lines.map(|line| parsed(file, line)).collect::<Result<Vec<Value>, _>>()?;
+            let mut head = parse_json(file, head)?;
+            let rows = lines.map(|line| parse_json(file, line)).collect::<Result<Vec<Value>, _>>()?;
             if let Some(head) = head.as_object_mut() {
                 head.insert("rows".to_owned(), Value::Array(rows));
             }
@@ -59,8 +59,4 @@ fn document(file: &PathBuf) -> Result<Option<Value>, InputError> {
     };
     let known = value["schema"].as_str().is_some_and(|schema| RESULTS.contains(&schema));
     Ok(known.then(|| json!({ "file": file_name(file), "document": value })))
-}
-
-fn parsed(file: &Path, text: &str) -> Result<Value, InputError> {
-    serde_json::from_str(text).map_err(|error| InputError::new(file, format!("is no JSON: {error}")))
 }

@@ -9,10 +9,10 @@ use axum::http::header;
 use axum::response::IntoResponse as _;
 use axum::routing::get;
 use retina_batch::{FolderState, read_exr};
-use retina_files::{InputError, read_bytes, read_text};
-use serde_json::{Value, json};
+use retina_files::{InputError, read_bytes};
+use serde_json::json;
 
-use super::{At, image_bytes};
+use super::{At, image_bytes, read_json};
 use crate::api::{Answer, App, Shared, beside, bytes_of, json_of, within};
 use crate::failure::Refusal;
 use crate::session::file_name;
@@ -39,8 +39,7 @@ async fn about(State(app): Shared, Query(at): Query<At>) -> Answer {
         let state = FolderState::read(&dir, false)?
             .ok_or_else(|| InputError::new(&dir, "is no folder that `retina render` wrote"))?;
         let record_file = within(&dir, dir.join("batch.json"))?;
-        let record: Value = serde_json::from_str(&read_text(&record_file)?)
-            .map_err(|error| InputError::new(&record_file, format!("is no JSON: {error}")))?;
+        let record = read_json(&record_file)?;
         let exr = state.done.iter().take(LOOKED_AT).find_map(|&frame| {
             let (image, _) = read_exr(&file_of(&dir, "frames", frame, "exr").ok()?).ok()?;
             Some(image.channels)
@@ -67,11 +66,7 @@ async fn image(State(app): Shared, Route(frame): Route<usize>, Query(at): Query<
 }
 
 async fn truth(State(app): Shared, Route(frame): Route<usize>, Query(at): Query<At>) -> Answer {
-    beside(move || {
-        let text = read_text(&file_of(&app.path(&at.at)?, "truth", frame, "json")?)?;
-        Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
-    })
-    .await
+    beside(move || json_of(read_json(&file_of(&app.path(&at.at)?, "truth", frame, "json")?)?)).await
 }
 
 async fn layer(
