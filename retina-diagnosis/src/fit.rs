@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use rayon::prelude::*;
 use retina_files::InputError;
 
 use crate::added::{AddedEffect, Adjusted, adjusted};
@@ -73,8 +74,8 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
     let data = fitted_part.as_ref().unwrap_or(data);
     crate::added::check_effects(data, added)?;
     let Adjusted { data: shifted, base, names, owner, shape, start, user_values } = adjusted(data, added);
-    let robust = robust_fit(&shifted, &base);
-    let noise = Noise::beside(noise(whole), &shifted, &robust);
+    let (scatter, robust) = rayon::join(|| noise(whole), || robust_fit(&shifted, &base));
+    let noise = Noise::beside(scatter, &shifted, &robust);
     let estimate = estimate(&shifted, &base, &robust.weights);
     let n = names.len();
     let (sigma, correlation) = correlation_of(&estimate.covariance);
@@ -118,8 +119,7 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
         effect.iter_mut().zip(values).for_each(|(sum, v)| *sum += v);
     }
 
-    let mut steps = Vec::new();
-    for count in 0..=added.len() {
+    let step = |count: usize| {
         let within = |index: Option<usize>| index.is_none_or(|index| index < count);
         let columns: Vec<Vec<f64>> =
             base.iter().zip(&owner).filter(|(_, o)| within(**o)).map(|(c, _)| c.clone()).collect();
@@ -131,8 +131,9 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
         }
         let frame = Frame::weighted(&so_far, &columns, robust.weights.clone());
         let names = added[..count].iter().map(|effect| effect.name().to_owned()).collect();
-        steps.push(Step::new(names, &frame.held_out(&[])));
-    }
+        Step::new(names, &frame.held_out(&[]))
+    };
+    let steps: Vec<Step> = (0..=added.len()).into_par_iter().map(step).collect();
     Ok(Fit {
         parameters,
         correlation,

@@ -46,6 +46,8 @@ export class BenchPane {
   private readonly shell: Shell;
   private readonly kept: Kept;
   private runs: [string, string][] = [];
+  /** Frames of the run that the screen shows. */
+  private frames: number[] = [];
   private images: { screen: Numbers | null; camera: Numbers | null } = { screen: null, camera: null };
   private exposure: Facts | null = null;
   private spot: SpotFacts | null = null;
@@ -96,9 +98,23 @@ export class BenchPane {
 
   private async start(): Promise<void> {
     this.runs = sequences(await get<StartDocument>("/api/start", this.shell.closed.signal));
-    this.drawControls();
+    await this.show(this.runs.some(([path]) => path === this.kept.screen) ? this.kept.screen : "grid");
     this.setMode(this.kept.mode);
-    this.exposures.ask(null);
+  }
+
+  /** The screen shows the grid, or a frame of a run. */
+  private async show(screen: string): Promise<void> {
+    if (screen !== "grid") {
+      ({ frames: this.frames } = await get<{ frames: number[] }>(`/api/sequence?at=${encodeURIComponent(screen)}`, this.shell.closed.signal));
+      this.kept.frame = this.nearest(this.kept.frame);
+    }
+    this.kept.screen = screen;
+    this.drawControls();
+    this.set("screen", screen);
+  }
+
+  private nearest(wanted: number): number {
+    return this.frames.reduce((best, frame) => (Math.abs(frame - wanted) < Math.abs(best - wanted) ? frame : best), this.frames[0] ?? 0);
   }
 
   private set<K extends keyof Kept>(key: K, value: Kept[K]): void {
@@ -109,26 +125,26 @@ export class BenchPane {
 
   private drawControls(): void {
     const { runs } = this;
-    if (this.kept.screen !== "grid" && !runs.some(([path]) => path === this.kept.screen)) {
-      this.kept.screen = "grid";
-    }
     const grid = this.kept.screen === "grid";
-    const number = (key: "frame" | "columns" | "count", label: string, low: number, high: number): HTMLElement => {
+    const number = (key: "columns" | "count", label: string, low: number, high: number): HTMLElement => {
       const input = h("input", { type: "number", min: low, max: high, step: 1, value: this.kept[key], "data-key": key });
       input.addEventListener("change", () => this.set(key, Math.min(high, Math.max(low, Math.round(Number(input.value) || low)))));
       return field(label, input);
     };
+    const frame = h("input", { type: "number", min: this.frames[0] ?? 0, max: this.frames.at(-1) ?? 0, step: 1, value: this.kept.frame, "data-key": "frame" });
+    frame.addEventListener("change", () => {
+      const nearest = this.nearest(Number(frame.value) || 0);
+      frame.value = String(nearest);
+      this.set("frame", nearest);
+    });
+    const some = this.frames.length < 6 ? this.frames.join(", ") : `${this.frames.length} from ${this.frames[0]} to ${this.frames.at(-1)}`;
     const exposure = h("input", { type: "number", min: 0, step: "any", placeholder: "automatic", value: this.kept.exposure_s, "data-key": "exposure" });
     exposure.addEventListener("change", () => this.set("exposure_s", Number(exposure.value) > 0 ? Number(exposure.value) : null));
     put(
       this.controls,
       field("Look at", select("mode", [["camera", "the camera"], ["screen", "the screen"], ["blink", "both, blinking"]], this.kept.mode, (value) => this.setMode(value as Kept["mode"]))),
-      field("Screen shows", select("screen", [["grid", "a grid of single pixels"], ...runs], this.kept.screen, (value) => {
-        this.kept.screen = value;
-        this.drawControls();
-        this.set("screen", value);
-      })),
-      grid ? number("columns", "Points along x", 1, 200) : number("frame", "Frame", 0, 999999),
+      field("Screen shows", select("screen", [["grid", "a grid of single pixels"], ...runs], this.kept.screen, (value) => void this.show(value).catch(this.shell.failed))),
+      grid ? number("columns", "Points along x", 1, 200) : field(`Frame (${some})`, frame),
       grid ? number("count", "Digital count", 1, 255) : null,
       field("A point's image", select("points", [["point", "a point"], ["diffraction", "diffraction alone"], ["full", "diffraction and aberrations"]], this.kept.points, (value) => {
         this.set("points", value as Kept["points"]);

@@ -2,10 +2,11 @@
 
 import { get, post } from "./api";
 import { h, put, tell } from "./dom";
-import { getNumbers } from "./image";
+import { getNumbers, type Numbers } from "./image";
 import { Picture } from "./picture";
 import { told } from "./rows";
-import { download, field, Latest, remember, remembered, select, Shell, slider, type Slider } from "./shell";
+import { checkbox, download, field, Latest, remember, remembered, select, Shell, slider, type Slider } from "./shell";
+import { type Body, drawTruth, type Intrinsics, type Layers } from "./truth";
 
 interface View {
   distance_m: number;
@@ -33,6 +34,8 @@ interface Facts {
   radiance_scale: number;
   saturated_px: number;
   renderer: string;
+  image_px: Intrinsics;
+  bodies: Record<string, Body>;
 }
 
 /** How long one holds still before the full frame is asked for, ms. */
@@ -60,6 +63,8 @@ export class LivePane {
   private sliders: Partial<Record<keyof View | "x" | "y", Slider>> = {};
   private still = 0;
   private times: number[] = [];
+  private over: Layers = { limb: false, terminator: false, axes: false, stars: false };
+  private shown: { image: Numbers; facts: Facts } | null = null;
   private readonly picture = new Picture("picture", "The scene", (x, y, value) => put(this.readout, `Pixel (${x}, ${y}): digital count ${value}`));
   private readonly readout = h("p", { class: "readout" }, "Drag to turn the body, with Shift to turn the Sun; the wheel changes the distance.");
   private readonly state = h("p", { class: "dim", "data-key": "state" });
@@ -147,8 +152,14 @@ export class LivePane {
     const last = about.frames - 1;
     const frame = h("input", { type: "number", min: 0, max: last, step: 1, "data-key": "scene-frame", value: this.frame });
     frame.addEventListener("change", () => void this.start(about.body, Math.min(last, Math.max(0, Math.round(Number(frame.value) || 0)))).catch(this.shell.failed));
+    const over = (key: "limb" | "terminator" | "axes"): HTMLElement =>
+      checkbox(`over-${key}`, key, this.over[key], (value) => {
+        this.over[key] = value;
+        this.draw();
+      });
     put(
       this.controls,
+      h("p", { class: "buttons" }, over("limb"), over("terminator"), over("axes")),
       h("h2", {}, "Camera"),
       about.bodies.length > 1 ? field("About", select("body", about.bodies.map((name): [string, string] => [name, name]), about.body, (name) => void this.start(name, this.frame).catch(this.shell.failed))) : null,
       distance.element,
@@ -228,11 +239,19 @@ export class LivePane {
     this.still = window.setTimeout(() => this.frames.ask(true), after);
   }
 
+  private draw(): void {
+    if (this.shown) {
+      const { image, facts } = this.shown;
+      this.picture.show(image, { stretch: "linear", range: [0, 255], signed: false }, drawTruth({ ...facts, stars: [] }, this.over));
+    }
+  }
+
   private async render(full: boolean): Promise<void> {
     const begun = performance.now();
     const { image, facts: found } = await getNumbers<Facts>("/api/scene/image", "u8", this.asked(full), this.shell.closed.signal);
     this.shell.mended();
-    this.picture.show(image, { stretch: "linear", range: [0, 255], signed: false }, null);
+    this.shown = { image, facts: found };
+    this.draw();
     this.picture.canvas.dataset["full"] = String(full);
     const now = performance.now();
     this.times = [...this.times.filter((time) => now - time < 2000), now];

@@ -47,11 +47,13 @@ export class Picture {
     this.canvas.addEventListener("dblclick", () => this.whole());
   }
 
-  /** Shows an image; the place that is looked at stays where it is of the same size. */
+  /** Shows an image. The same part of it is looked at as before, also where a draft has fewer pixels. */
   show(image: Numbers, look: Look, over: Over | null): void {
     if (this.image && (this.image.width !== image.width || this.image.height !== image.height)) {
-      this.place = null;
-      this.cursor = null;
+      const [across, down] = [image.width / this.image.width, image.height / this.image.height];
+      const alike = Math.abs(across / down - 1) < 0.02;
+      this.place = this.place && alike ? { x: this.place.x * across, y: this.place.y * down, zoom: this.place.zoom / across } : null;
+      this.cursor = this.cursor && alike ? [Math.floor(this.cursor[0] * across), Math.floor(this.cursor[1] * down)] : null;
     }
     this.image = image;
     this.over = over;
@@ -135,6 +137,18 @@ export class Picture {
     this.redraw();
   }
 
+  /** Moves a zoomed picture until the cursor is well inside. */
+  private follow(): void {
+    if (!this.place || !this.cursor) {
+      return;
+    }
+    const room = (size: number): number => (0.45 * size) / (this.place?.zoom ?? 1);
+    const kept = (middle: number, at: number, most: number): number => Math.min(at + most, Math.max(at - most, middle));
+    this.place.x = kept(this.place.x, this.cursor[0], room(this.canvas.clientWidth));
+    this.place.y = kept(this.place.y, this.cursor[1], room(this.canvas.clientHeight));
+    this.redraw();
+  }
+
   private zoomBy(factor: number, [x, y]: [number, number]): void {
     const at = this.at();
     const { width, height } = this.image ?? { width: 1, height: 1 };
@@ -208,6 +222,7 @@ export class Picture {
     const by = moves[event.key];
     if (by) {
       this.setCursor(x + by[0], y + by[1]);
+      this.follow();
     } else if (event.key === "+" || event.key === "=" || event.key === "-") {
       this.zoomBy(event.key === "-" ? 1 / 1.5 : 1.5, [x, y]);
     } else if (event.key === "0") {

@@ -28,6 +28,8 @@ interface Kept extends Layers {
 }
 
 const BLINK_MS = 700;
+/** How often a folder that is being rendered is read again, ms. */
+const GROWS_MS = 4000;
 const BINS = 64;
 
 export class Sequence {
@@ -35,7 +37,7 @@ export class Sequence {
   private about: About | null = null;
   private other: About | null = null;
   private images: [Numbers | null, Numbers | null] = [null, null];
-  private truth: Truth | null = null;
+  private truths: [Truth | null, Truth | null] = [null, null];
   private readonly kept: Kept;
   private readonly pictures: [Picture, Picture];
   private readonly slider = h("input", { type: "range", min: 0, step: 1, value: 0, "data-key": "frame", "aria-label": "Frame" });
@@ -48,6 +50,7 @@ export class Sequence {
   private readonly loads: Latest<number>;
   private player = 0;
   private blinker = 0;
+  private growing = 0;
   private second = false;
   private pointed: [number, number] | null = null;
 
@@ -78,6 +81,7 @@ export class Sequence {
   close(): void {
     window.clearInterval(this.player);
     window.clearInterval(this.blinker);
+    window.clearTimeout(this.growing);
     this.shell.close();
   }
 
@@ -90,12 +94,12 @@ export class Sequence {
     this.about = await get<About>(`/api/sequence${this.query(this.at)}`, signal);
     const start = await get<StartDocument>("/api/start", signal);
     const runs = sequences(start);
-    const last = this.about.frames.length - 1;
-    if (last < 0) {
-      put(this.stage, h("p", { class: "dim" }, "This folder holds no finished frame yet."));
+    this.grow();
+    if (this.about.frames.length === 0) {
+      put(this.stage, h("p", { class: "dim" }, "This folder holds no finished frame yet. It is read again every few seconds."));
       return;
     }
-    this.slider.max = String(last);
+    this.slider.max = String(this.about.frames.length - 1);
     if (this.kept.layer !== "counts" && !this.about.layers.includes(this.kept.layer)) {
       this.kept.layer = "counts";
     }
@@ -107,6 +111,30 @@ export class Sequence {
     this.drawControls(runs.filter(([path]) => path.replace(/\/$/, "") !== this.at.replace(/\/$/, "")));
     this.setMode(this.kept.mode);
     this.loads.ask(Math.max(0, this.about.frames.indexOf(this.kept.frame)));
+  }
+
+  /** Follows a run that is not finished: its new frames join the slider. */
+  private grow(): void {
+    const about = this.about;
+    if (!about || about.frames.length >= about.frames_of_sequence) {
+      return;
+    }
+    this.growing = window.setTimeout(() => void this.readAgain(about).catch(this.shell.failed), GROWS_MS);
+  }
+
+  private async readAgain(before: About): Promise<void> {
+    const about = await get<About>(`/api/sequence${this.query(this.at)}`, this.shell.closed.signal);
+    if (before.frames.length === 0 && about.frames.length > 0) {
+      await this.start();
+      return;
+    }
+    if (about.frames.length !== before.frames.length) {
+      this.about = about;
+      this.slider.max = String(about.frames.length - 1);
+      this.slider.value = String(Math.max(0, about.frames.indexOf(this.kept.frame)));
+      this.tell();
+    }
+    this.grow();
   }
 
   private drawControls(runs: [string, string][]): void {
@@ -189,9 +217,15 @@ export class Sequence {
     }
     this.slider.value = String(position);
     const signal = this.shell.closed.signal;
-    const [image, other, truth] = await Promise.all([this.one(this.at, about, frame), this.other ? this.one(this.kept.other, this.other, frame) : null, get<Truth>(`/api/sequence/truth/${frame}${this.query(this.at)}`, signal)]);
+    const truth = (at: string): Promise<Truth> => get<Truth>(`/api/sequence/truth/${frame}${this.query(at)}`, signal);
+    const [image, other, own, theirs] = await Promise.all([
+      this.one(this.at, about, frame),
+      this.other ? this.one(this.kept.other, this.other, frame) : null,
+      truth(this.at),
+      this.other?.frames.includes(frame) ? truth(this.kept.other) : null,
+    ]);
     this.shell.mended();
-    [this.images, this.truth, this.kept.frame] = [[image, other], truth, frame];
+    [this.images, this.truths, this.kept.frame] = [[image, other], [own, theirs], frame];
     this.number.textContent = `frame ${frame}`;
     this.slider.setAttribute("aria-valuetext", `frame ${frame}`);
     this.draw();
@@ -207,11 +241,12 @@ export class Sequence {
   private draw(): void {
     remember(`sequence ${this.at}`, this.kept);
     const [image, other] = this.images;
-    const truth = this.truth;
+    const [truth, theirs] = this.truths;
     if (!image || !truth) {
       return;
     }
     const over = drawTruth(truth, this.kept);
+    const overOther = theirs ? drawTruth(theirs, this.kept) : null;
     const look = this.look(image);
     if (this.kept.mode === "difference" && other && other.values.length === image.values.length) {
       const values = Float32Array.from(image.values, (value, k) => (other.values[k] as number) - value);
@@ -220,12 +255,12 @@ export class Sequence {
       this.pictures[0].show(difference, { stretch: "linear", range: [-most, most], signed: true }, over);
       put(this.spread, drawHistogram(difference, [-most, most]), h("p", { class: "dim" }, `Other run less this one. Blue is ${told(-most)} and below, orange ${told(most)} and above.`));
     } else {
-      const shown = this.second && other ? other : image;
-      this.pictures[0].show(shown, look, over);
+      const second = this.second && other !== null;
+      this.pictures[0].show(second ? other : image, look, second ? overOther : over);
       put(this.spread, drawHistogram(image, look.range ?? extent(image)));
     }
     if (this.kept.mode === "beside" && other) {
-      this.pictures[1].show(other, look, over);
+      this.pictures[1].show(other, look, overOther);
     } else {
       this.pictures[1].clear();
     }
@@ -252,7 +287,7 @@ export class Sequence {
   }
 
   private tell(): void {
-    const [truth, about] = [this.truth, this.about];
+    const [truth, about] = [this.truths[0], this.about];
     if (!truth || !about) {
       return;
     }

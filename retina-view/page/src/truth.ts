@@ -17,15 +17,25 @@ export interface Body {
   limb_ellipse_px: { center_px: [number, number]; semi_axes_px: [number, number]; angle_deg: number } | null;
 }
 
-export interface Truth {
-  frame: number;
+export interface Intrinsics {
+  fx: number;
+  fy: number;
+  cx: number;
+  cy: number;
+}
+
+/** What is drawn of a frame. */
+export interface Drawn {
+  image_px: Intrinsics;
+  bodies: Record<string, Body>;
+  stars: { id: string; screen_px: [number, number] }[];
+}
+
+export interface Truth extends Drawn {
   time_s: number;
   epoch_tdb: string;
-  image_px: { fx: number; fy: number; cx: number; cy: number; width: number; height: number };
   compensation: string;
   radiance_scale: number;
-  bodies: Record<string, Body>;
-  stars: { id: string; magnitude: number; screen_px: [number, number]; displayed_px: [number, number] | null }[];
 }
 
 export interface Layers {
@@ -43,7 +53,7 @@ function turned([w, x, y, z]: [number, number, number, number], v: Vector): Vect
 const dot = (a: Vector, b: Vector): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
 /** Where a point of a body (its axes, m) is in the undistorted image; null behind the camera. */
-function project(truth: Truth, body: Body, at: Vector): [number, number] | null {
+function project(truth: Drawn, body: Body, at: Vector): [number, number] | null {
   const p = turned(body.camera_from_body, at);
   const [x, y, z] = [0, 1, 2].map((k) => (p[k] as number) + (body.position_camera_m[k] as number)) as Vector;
   const { fx, fy, cx, cy } = truth.image_px;
@@ -51,7 +61,7 @@ function project(truth: Truth, body: Body, at: Vector): [number, number] | null 
 }
 
 /** Points of the reference ellipsoid where the Sun is on the horizon, those that the camera sees. */
-function terminator(truth: Truth, body: Body): ([number, number] | null)[] {
+function terminator(truth: Drawn, body: Body): ([number, number] | null)[] {
   const axes = body.reference_semi_axes_m;
   // On the unit sphere u the ellipsoid's normal is u / axes: the Sun is on its horizon where u . (s / axes) = 0.
   const s = body.sun_direction_body.map((v, k) => v / (axes[k] as number)) as Vector;
@@ -77,7 +87,7 @@ function terminator(truth: Truth, body: Body): ([number, number] | null)[] {
 }
 
 /** What is drawn over a frame: in the undistorted image, where the truth is given. */
-export function drawTruth(truth: Truth, layers: Layers): Over {
+export function drawTruth(truth: Drawn, layers: Layers): Over {
   return (c, to, scale) => {
     c.lineWidth = 1.5;
     c.font = "12px system-ui, sans-serif";

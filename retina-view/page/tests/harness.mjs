@@ -6,6 +6,7 @@ import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { chromium } from "playwright-core";
 
+const AXE = readFileSync(new URL("../node_modules/axe-core/axe.min.js", import.meta.url), "utf8");
 const REFERENCE = new URL("reference/", import.meta.url).pathname;
 /** Blocks of pixels that are compared, and how far their means may be apart on average, of 255. Fonts differ. */
 const BLOCKS = [48, 30];
@@ -111,4 +112,16 @@ export function weakTexts() {
 export async function fits(page, what) {
   const wide = await page.evaluate(() => [document.documentElement.scrollWidth, window.innerWidth]);
   assert.ok(wide[0] <= wide[1], `${what} is ${wide[0]} px wide in a window of ${wide[1]}`);
+}
+
+/** Asks axe for what WCAG 2.2 AA forbids; by the debugger, since the page lets no foreign script in. */
+export async function audited(page, what) {
+  await page.evaluate(AXE);
+  const found = await page.evaluate(async () => {
+    const tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"];
+    const { violations, passes } = await axe.run(document, { runOnly: tags });
+    return { rules: passes.length, broken: violations.flatMap(({ id, nodes }) => nodes.map(({ target, failureSummary }) => `${id}: ${target.join(" ")}: ${failureSummary}`)) };
+  });
+  assert.deepEqual(found.broken, [], `${what}: axe`);
+  assert.ok(found.rules > 5, `${what}: axe looked at ${found.rules} rules only`);
 }

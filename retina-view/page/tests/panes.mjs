@@ -8,7 +8,7 @@ import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { mkdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { join, resolve } from "node:path";
-import { fits, key, LONG, looksAsBefore as looks, said, started, weakTexts, window_ } from "./harness.mjs";
+import { audited, fits, key, LONG, looksAsBefore as looks, said, started, weakTexts, window_ } from "./harness.mjs";
 
 const [retina, browserPath, out, write] = process.argv.slice(2);
 assert.ok(retina && browserPath && out, "usage: node tests/panes.mjs RETINA CHROMIUM OUT [--write]");
@@ -47,6 +47,7 @@ const open = async (pane, at) => {
 const drawn = (name) => page.waitForFunction((own) => Number(document.querySelector(`[data-key="${own}"]`)?.dataset.shown ?? 0) > 0, name, LONG);
 const sound = async (what) => {
   assert.deepEqual(await page.evaluate(weakTexts), [], `${what}: contrasts`);
+  await audited(page, what);
   for (const width of [400, 2560, 1440]) {
     await page.setViewportSize({ width, height: 900 });
     await page.waitForTimeout(250);

@@ -8,7 +8,7 @@
 import assert from "node:assert/strict";
 import { readFileSync, rmSync } from "node:fs";
 import { join } from "node:path";
-import { fits, key, LONG, looksAsBefore as looks, said, started, weakTexts, window_ as opened } from "./harness.mjs";
+import { audited, fits, key, LONG, looksAsBefore as looks, said, started, weakTexts, window_ as opened } from "./harness.mjs";
 
 const [retina, browserPath, out, write] = process.argv.slice(2);
 assert.ok(retina && browserPath && out, "usage: node tests/story.mjs RETINA CHROMIUM OUT [--write]");
@@ -34,7 +34,10 @@ try {
   const page = await window_();
   await page.goto(address);
   await page.locator("button.primary").first().waitFor();
-  await said("the start page", () => looksAsBefore(page, "start"));
+  await said("the start page", async () => {
+    await audited(page, "the start page");
+    return looksAsBefore(page, "start");
+  });
   assert.ok(!page.url().includes("token"), "the token stays in the address");
 
   await said("Fig. 10 is opened: the bench makes its data", async () => {
@@ -120,10 +123,12 @@ try {
     await page.locator(".commands").waitFor();
     assert.ok((await page.locator(".commands").innerText()).includes("retina fit"));
   });
-  await said("contrasts, light and dark", async () => {
+  await said("contrasts and axe, light and dark", async () => {
     assert.deepEqual(await page.evaluate(weakTexts), []);
+    await audited(page, "the workbench");
     await key(page, "theme").click();
     assert.deepEqual(await page.evaluate(weakTexts), []);
+    await audited(page, "the workbench in the dark");
     const dark = await looksAsBefore(page, "dark");
     await key(page, "theme").click();
     return dark;

@@ -25,7 +25,7 @@ const KEPT: usize = 3;
 const AUTO_LEVEL: f64 = 0.6;
 
 /// Pixels about a point that are shown of its image, from the middle one to the rim.
-const SPOT_HALF_PX: usize = 12;
+const SPOT_HALF_PX: usize = 20;
 
 /// Benches by their setup's hash and what they model.
 #[derive(Default)]

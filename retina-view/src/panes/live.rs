@@ -1,5 +1,6 @@
 //! A scene whose camera, Sun and photometry are set by hand: drafts while one turns, the full frame afterwards.
 
+use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
@@ -27,10 +28,13 @@ const DRAFT_PX: [f64; 2] = [640.0, 400.0];
 /// What the scene's copy for the live pose is called in errors.
 const POSE: &str = "the pose";
 
-/// The scene that is open: one at a time.
+/// Scenes that stay open, so that two windows do not open theirs in turn. Each holds its meshes and renderers.
+const OPEN_SCENES: usize = 2;
+
+/// The scenes that are open, the latest first.
 #[derive(Default)]
 pub(super) struct Live {
-    open: Option<Open>,
+    open: VecDeque<Open>,
 }
 
 struct Open {
@@ -106,9 +110,13 @@ impl Live {
             text = with_photometry(&file, &text, &asked.body, photometry)?.to_string();
         }
         let hash = hash_bytes(text.as_bytes());
-        let same = self.open.as_ref().is_some_and(|open| open.file == file && open.hash == hash);
-        if !same {
-            self.open = None;
+        let same = self.open.iter().position(|open| open.file == file && open.hash == hash);
+        if let Some(open) = same.and_then(|place| self.open.remove(place)) {
+            self.open.push_front(open);
+        } else {
+            // A law that was tried is not kept beside the next one; nor is a third scene.
+            self.open.retain(|open| open.file != file);
+            self.open.truncate(OPEN_SCENES - 1);
             let mut scene = Scene::parse(&file, &text, Given::default())?;
             if scene.bodies.is_empty() {
                 return Err(InputError::new(&file, "has no body to turn the camera about")
@@ -119,9 +127,9 @@ impl Live {
             scene.bodies.iter_mut().for_each(|body| body.may_be_behind = true);
             let names = scene.bodies.iter().map(|body| body.name.clone()).collect();
             let (frame, frames) = (scene.frame(asked.frame)?, scene.frame_count());
-            self.open = Some(Open { file, hash, frame, names, frames, scene, draft: None, full: None });
+            self.open.push_front(Open { file, hash, frame, names, frames, scene, draft: None, full: None });
         }
-        let open = self.open.as_mut().ok_or_else(|| Refusal::conflict("the scene is not open"))?;
+        let open = self.open.front_mut().ok_or_else(|| Refusal::conflict("the scene is not open"))?;
         if open.frame.index != asked.frame {
             open.frame = open.scene.frame(asked.frame)?;
         }
@@ -184,7 +192,8 @@ async fn about(State(app): Shared, Query(start): Query<Start>) -> Answer {
     beside(move || {
         let mut live = locked(&app.panes.live);
         if start.anew {
-            live.open = None;
+            let file = app.path(&start.at)?;
+            live.open.retain(|open| open.file != file);
         }
         let asked = Asked {
             at: start.at,
@@ -228,7 +237,6 @@ async fn image(State(app): Shared, Json(asked): Json<Asked>) -> Answer {
         let open = live.open(&app, &asked)?;
         let body = open.body(&asked.body)?;
         let pose = view.pose(&open.frame, &open.names, body, &open.scene.image);
-        let name = asked.body.clone();
         let start = Instant::now();
         let maker = open.maker(asked.full)?;
         let opened_s = start.elapsed().as_secs_f64();
@@ -240,7 +248,8 @@ async fn image(State(app): Shared, Json(asked): Json<Asked>) -> Answer {
             "opened_s": opened_s,
             "radiance_scale": made.radiance_scale,
             "saturated_px": made.saturated_px,
-            "body": made.truth["bodies"][&name],
+            "image_px": made.truth["image_px"],
+            "bodies": made.truth["bodies"],
             "renderer": maker.name().adapter,
         });
         Ok(with_facts(
