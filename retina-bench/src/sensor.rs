@@ -118,21 +118,20 @@ impl Sensor {
         let mut dn = vec![0u16; width * height];
         let key = hash::mix(seed ^ hash::mix(frame));
         let noise_of = |y: usize| Noise::new(hash::mix(key ^ hash::mix(y as u64)));
-        // With the processor's widest registers: the numbers are the same.
         let arch = pulp::Arch::new();
-        let expose = |y: usize, noise: &mut Noise, charge: &mut [f32]| {
-            self.mean_charge(y, light_e, exposure_s, warm, charge);
-            noise.poisson(charge);
+        let exposed = |y: usize, noise: &mut Noise, charge: &mut [f32]| {
+            arch.dispatch(Exposed { sensor: self, y, light_e, exposure_s, warm, noise, charge });
+        };
+        let digitised = |y: usize, charge: &[f32], noise: &mut Noise, normals: &mut [f32], dn: &mut [u16]| {
+            arch.dispatch(Digitised { sensor: self, y, charge, noise, normals, dn });
         };
         if self.blooming == 0.0 {
             dn.par_chunks_exact_mut(width).enumerate().for_each_init(
                 || [vec![0f32; width], vec![0f32; width]],
                 |[charge, normals], (y, row)| {
                     let mut noise = noise_of(y);
-                    arch.dispatch(|| {
-                        expose(y, &mut noise, charge);
-                        self.digitise(y, charge, &mut noise, normals, row);
-                    });
+                    exposed(y, &mut noise, charge);
+                    digitised(y, charge, &mut noise, normals, row);
                 },
             );
             return dn;
@@ -142,7 +141,7 @@ impl Sensor {
             .into_par_iter()
             .map(|y| {
                 let (mut noise, mut charge) = (noise_of(y), vec![0f32; width]);
-                arch.dispatch(|| expose(y, &mut noise, &mut charge));
+                exposed(y, &mut noise, &mut charge);
                 (charge, noise)
             })
             .unzip();
@@ -151,9 +150,7 @@ impl Sensor {
         }
         dn.par_chunks_exact_mut(width).zip(charge).zip(&mut noises).enumerate().for_each_init(
             || vec![0f32; width],
-            |normals, (y, ((row, charge), noise))| {
-                arch.dispatch(|| self.digitise(y, &charge, noise, normals, row));
-            },
+            |normals, (y, ((row, charge), noise))| digitised(y, &charge, noise, normals, row),
         );
         dn
     }
@@ -226,5 +223,46 @@ impl Sensor {
                 carried = carried - taken + share * excess;
             }
         }
+    }
+}
+
+/// A row's charge in an exposure, with the processor's widest registers: the numbers are the same. It is no closure,
+/// because the compiler need not inline one, and what is not inlined has the narrow registers.
+struct Exposed<'a> {
+    sensor: &'a Sensor,
+    y: usize,
+    light_e: &'a [f32],
+    exposure_s: f64,
+    warm: f32,
+    noise: &'a mut Noise,
+    charge: &'a mut [f32],
+}
+
+impl pulp::NullaryFnOnce for Exposed<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.sensor.mean_charge(self.y, self.light_e, self.exposure_s, self.warm, self.charge);
+        self.noise.poisson(self.charge);
+    }
+}
+
+/// A row's digital numbers, as [`Exposed`].
+struct Digitised<'a> {
+    sensor: &'a Sensor,
+    y: usize,
+    charge: &'a [f32],
+    noise: &'a mut Noise,
+    normals: &'a mut [f32],
+    dn: &'a mut [u16],
+}
+
+impl pulp::NullaryFnOnce for Digitised<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.sensor.digitise(self.y, self.charge, self.noise, self.normals, self.dn);
     }
 }

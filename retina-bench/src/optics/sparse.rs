@@ -33,19 +33,33 @@ pub(super) fn add(image: &mut [f32], size_px: [usize; 2], kernels: &Kernels, sou
     let arch = pulp::Arch::new();
     // In blocks, so that patches do not pile up; added in their order, so that sums do not depend on threads.
     for block in groups.chunks(512) {
-        let patches: Vec<Vec<Patch>> = block
-            .par_iter()
-            .map(|group| {
-                // With the processor's widest registers: the sums are the same.
-                arch.dispatch(|| {
-                    let blended = Blended::new(kernels, sources, group);
-                    group.iter().map(|&i| blended.patch(kernels, &sources[i])).collect()
-                })
-            })
-            .collect();
+        let patches: Vec<Vec<Patch>> =
+            block.par_iter().map(|group| arch.dispatch(Group { kernels, sources, group })).collect();
         for patch in patches.iter().flatten() {
             patch.add_to(image, size_px);
         }
+    }
+}
+
+/// Sources of one cell, to be laid on the image with the processor's widest registers: the sums are the same. It is no
+/// closure, because the compiler need not inline one, and what is not inlined has the narrow registers.
+struct Group<'a> {
+    kernels: &'a Kernels,
+    sources: &'a [Source],
+    group: &'a [usize],
+}
+
+impl pulp::NullaryFnOnce for Group<'_> {
+    type Output = Vec<Patch>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<Patch> {
+        let blended = Blended::new(self.kernels, self.sources, self.group);
+        let mut patches = Vec::with_capacity(self.group.len());
+        for &i in self.group {
+            patches.push(blended.patch(self.kernels, &self.sources[i]));
+        }
+        patches
     }
 }
 
