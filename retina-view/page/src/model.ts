@@ -51,7 +51,7 @@ export function modelPanel(news: SessionNews, fit: FitDocument, actions: ModelAc
         { class: "head" },
         h("strong", {}, effect.name),
         effect.own ? h("button", { type: "button", "data-key": `edit-${effect.name}`, "aria-label": `Change the formula of ${effect.name}`, click: () => actions.edit(effect.name) }, "Change") : null,
-        h("button", { type: "button", "data-key": `remove-${effect.name}`, "aria-label": `Take ${effect.name} out of the model`, click: () => actions.remove(effect.name) }, "Take out"),
+        h("button", { type: "button", "data-key": `remove-${effect.name}`, "aria-label": `Take out ${effect.name}`, click: () => actions.remove(effect.name) }, "Take out"),
       ),
       ...effectTables(effect.name, own(effect.name)),
     ),
