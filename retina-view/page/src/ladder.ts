@@ -38,7 +38,7 @@ export function ladder(steps: { effects: string[]; heldout_rms: number }[], nois
   const x = at(noise);
   figure.append(
     s("line", { x1: x, x2: x, y1: 18, y2: height - 18, class: "noise" }),
-    s("text", { x: Math.min(Math.max(x, 50), WIDTH - 60), y: height - 4, class: "noise-label", "text-anchor": "middle" }, `noise ${told(noise)} ${unit}`),
+    s("text", { x: Math.min(Math.max(x, 62), WIDTH - 62), y: height - 4, class: "noise-label", "text-anchor": "middle" }, `noise ${told(noise)} ${unit}`),
   );
   return h("figure", {}, figure);
 }
