@@ -226,8 +226,8 @@ impl Sensor {
     }
 }
 
-/// A row's charge in an exposure, with the processor's widest registers: the numbers are the same. It is no closure,
-/// because the compiler need not inline one, and what is not inlined has the narrow registers.
+/// A row's charge in an exposure, with the processor's widest registers. The numbers are the same with narrow ones. This
+/// is no closure: the compiler inlines one only if it likes, and what it does not inline uses the narrow registers.
 struct Exposed<'a> {
     sensor: &'a Sensor,
     y: usize,

@@ -41,8 +41,8 @@ pub(super) fn add(image: &mut [f32], size_px: [usize; 2], kernels: &Kernels, sou
     }
 }
 
-/// Sources of one cell, to be laid on the image with the processor's widest registers: the sums are the same. It is no
-/// closure, because the compiler need not inline one, and what is not inlined has the narrow registers.
+/// Sources of one cell, to be laid on the image with the processor's widest registers. The sums are the same with narrow
+/// ones. This is no closure, for the reason that the sensor's rows give.
 struct Group<'a> {
     kernels: &'a Kernels,
     sources: &'a [Source],

@@ -28,8 +28,8 @@ interface Kept extends Layers {
 }
 
 const BLINK_MS = 700;
-/** How often a folder that is being rendered is read again, ms. */
-const GROWS_MS = 4000;
+/** When a folder that may be being rendered is read again, ms; later each time that nothing was new. */
+const [SOON_MS, LATE_MS] = [4000, 120_000];
 const BINS = 64;
 
 export class Sequence {
@@ -96,7 +96,7 @@ export class Sequence {
     const runs = sequences(start);
     this.grow();
     if (this.about.frames.length === 0) {
-      put(this.stage, h("p", { class: "dim" }, "This folder holds no finished frame yet. It is read again every few seconds."));
+      put(this.stage, h("p", { class: "dim" }, "This folder holds no finished frame yet. The page reads it again by itself."));
       return;
     }
     this.slider.max = String(this.about.frames.length - 1);
@@ -114,26 +114,28 @@ export class Sequence {
   }
 
   /** Follows a run that is not finished: its new frames join the slider. */
-  private grow(): void {
+  private grow(wait = SOON_MS): void {
     const about = this.about;
     if (!about || about.frames.length >= about.frames_of_sequence) {
       return;
     }
-    this.growing = window.setTimeout(() => void this.readAgain(about).catch(this.shell.failed), GROWS_MS);
+    this.growing = window.setTimeout(() => void this.readAgain(about, wait).catch(this.shell.failed), wait);
   }
 
-  private async readAgain(before: About): Promise<void> {
+  private async readAgain(before: About, waited: number): Promise<void> {
     const about = await get<About>(`/api/sequence${this.query(this.at)}`, this.shell.closed.signal);
     if (before.frames.length === 0 && about.frames.length > 0) {
       await this.start();
       return;
     }
-    if (about.frames.length !== before.frames.length) {
-      this.about = about;
-      this.slider.max = String(about.frames.length - 1);
-      this.slider.value = String(Math.max(0, about.frames.indexOf(this.kept.frame)));
-      this.tell();
+    if (about.frames.length === before.frames.length) {
+      this.grow(Math.min(LATE_MS, 2 * waited));
+      return;
     }
+    this.about = about;
+    this.slider.max = String(about.frames.length - 1);
+    this.slider.value = String(Math.max(0, about.frames.indexOf(this.kept.frame)));
+    this.tell();
     this.grow();
   }
 
