@@ -1,17 +1,22 @@
 //! What the facility's lenses make of the display's depth, from its prescription.
 
+/// Places at which dr/dz is tabulated, from the axis to the largest line of sight.
+pub const DEPTH_KNOTS: usize = 17;
+
 /// Where lines of sight meet the display, and what its depth does to them, of a facility that is symmetric about its
 /// axis. With r the tangent of the line of sight and z the depth away from the lenses: height X(r) = r (h_0 + h_1 r^2 +
-/// h_2 r^4), and dr/dz = r (d_0 + d_1 r^2 + d_2 r^4).
+/// h_2 r^4), and dr/dz is r times a table.
 ///
-/// dr/dz is that of the light's centroid: the mean over the pupil of -(dX/dz) / (dX/dr), each ray with its own. The chief
-/// ray alone has another one, since a blurred spot with coma moves.
+/// Lines of sight are those that a detector finds, by a window as wide as the spot. Neither the chief ray nor the mean of
+/// the light moves as the bright core of a blurred spot with coma does.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DisplayRays {
     /// h_0, h_1, h_2, mm; the display's axes are those of the lines of sight, so h_0 is positive.
     pub height_mm: [f64; 3],
-    /// d_0, d_1, d_2, 1/mm.
-    pub tangent_per_depth: [f64; 3],
+    /// The largest line of sight's tangent.
+    pub half_tan: f64,
+    /// (dr/dz) / r at equal steps of r from 0 to `half_tan`, 1/mm.
+    pub tangent_per_depth: [f64; DEPTH_KNOTS],
 }
 
 impl DisplayRays {
@@ -20,9 +25,21 @@ impl DisplayRays {
         even(self.height_mm, r)
     }
 
-    /// What a millimetre of depth adds to a line of sight of tangent r, over r.
+    /// What a millimetre of depth adds to a line of sight of tangent r, over r: cubic between the table's places (Catmull
+    /// and Rom's slopes), its last value beyond them.
     pub fn tangent_per_depth(&self, r: f64) -> f64 {
-        even(self.tangent_per_depth, r)
+        let last = DEPTH_KNOTS - 1;
+        let at = (r.abs() / self.half_tan * last as f64).min(last as f64);
+        let cell = (at as usize).min(last - 1);
+        let t = at - cell as f64;
+        // Even in r, and straight at the end.
+        let value = |k: isize| match k {
+            k if k < 0 => self.tangent_per_depth[k.unsigned_abs()],
+            k if k as usize > last => 2.0 * self.tangent_per_depth[last] - self.tangent_per_depth[last - 1],
+            k => self.tangent_per_depth[k as usize],
+        };
+        let [a, b, c, d] = [-1, 0, 1, 2].map(|k| value(cell as isize + k));
+        b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
     }
 
     /// The line of sight's tangent of what a pinhole of the same focal length would show at u: the r with r h(r) = u h(0).
@@ -60,7 +77,7 @@ impl DisplayRays {
     /// What a tilt adds near the axis: a display turned by tau moves u (tangents) by k tau (u . e) u, with this k; -1 for
     /// a pinhole (Hartley and Zisserman, Multiple View Geometry, sec. 2.3: X = f r on a plane at f + dz).
     pub fn tilt_gain(&self) -> f64 {
-        self.height_mm[0] * self.tangent_per_depth[0]
+        self.height_mm[0] * self.tangent_per_depth(0.0)
     }
 }
 
@@ -71,12 +88,16 @@ fn even([a, b, c]: [f64; 3], r: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::DisplayRays;
+    use super::{DEPTH_KNOTS, DisplayRays};
 
     /// Against differences of the mapping itself, r h(r) = u h(0), solved by bisection.
     #[test]
     fn a_shift_moves_lines_of_sight_as_the_mapping_does() {
-        let lens = DisplayRays { height_mm: [50.0, -30.0, 200.0], tangent_per_depth: [-0.02, 0.0, 0.0] };
+        let lens = DisplayRays {
+            height_mm: [50.0, -30.0, 200.0],
+            half_tan: 0.2,
+            tangent_per_depth: [-0.02; DEPTH_KNOTS],
+        };
         let seen = |[x, y]: [f64; 2]| {
             let u = x.hypot(y);
             let (mut low, mut high) = (0.0f64, 1.0);
@@ -100,5 +121,19 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// A parabola in r is joined exactly, but for the last step.
+    #[test]
+    fn the_table_of_depths_is_joined_smoothly() {
+        let half_tan = 0.2;
+        let of = |r: f64| -0.01 + 0.3 * r * r;
+        let tangent_per_depth = std::array::from_fn(|k| of(half_tan * k as f64 / (DEPTH_KNOTS - 1) as f64));
+        let lens = DisplayRays { height_mm: [50.0, 0.0, 0.0], half_tan, tangent_per_depth };
+        for r in [0.0, 0.003, 0.0125, 0.111, 0.18] {
+            assert!((lens.tangent_per_depth(r) - of(r)).abs() < 1e-12, "{r}");
+            assert_eq!(lens.tangent_per_depth(r), lens.tangent_per_depth(-r));
+        }
+        assert_eq!(lens.tangent_per_depth(0.3), of(half_tan));
     }
 }

@@ -29,7 +29,7 @@ mod setup;
 mod warp;
 
 pub use bench_setup::{NoiseSetup, OpticsSetup};
-pub use display_rays::DisplayRays;
+pub use display_rays::{DEPTH_KNOTS, DisplayRays};
 pub use distortion::{Distortion, DistortionError, MAX_DEGREE, term_count};
 pub use inverse::{InverseDistortion, InverseTerm};
 pub use lens_models::{Lens, LensImage, LensModel, MOST_COEFFICIENTS, OutOfDomain};

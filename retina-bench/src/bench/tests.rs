@@ -29,8 +29,46 @@ fn centroid(light: &[f32], width: usize, about: [f64; 2], half: i64) -> ([f64; 2
     ([x / sum, y / sum], sum)
 }
 
-/// A green sub-pixel's image has its centroid where the optics say, and its light: that of a star of the
-/// channel's share (eq. 10), times cos^4 and the solid angle. Black, glare and mura off.
+/// The light-weighted mean with a Gaussian weight about the result, sqrt(2) times as wide as the spot: place and width.
+/// Written here from the pixels alone, as a detector would.
+fn windowed(light: &[f32], width: usize, about: [f64; 2]) -> ([f64; 2], f64) {
+    let (mut at, mut sigma) = (about, 1.5f64);
+    for _ in 0..200 {
+        let weight2 = 2.0 * sigma * sigma;
+        let half = (3.0 * weight2.sqrt()).ceil() as i64;
+        let (mut sum, mut first, mut second) = (0.0, [0.0; 2], [0.0; 3]);
+        for j in at[1] as i64 - half..=at[1] as i64 + half {
+            for i in at[0] as i64 - half..=at[0] as i64 + half {
+                let inside = i >= 0 && j >= 0 && (i as usize) < width && (j as usize) < light.len() / width;
+                if inside {
+                    let [x, y] = [i as f64 + 0.5 - at[0], j as f64 + 0.5 - at[1]];
+                    let w = f64::from(light[j as usize * width + i as usize])
+                        * (-(x * x + y * y) / (2.0 * weight2)).exp();
+                    sum += w;
+                    first = [first[0] + w * x, first[1] + w * y];
+                    second = [second[0] + w * x * x, second[1] + w * x * y, second[2] + w * y * y];
+                }
+            }
+        }
+        let step = first.map(|m| 1.5 * m / sum);
+        at = [at[0] + step[0], at[1] + step[1]];
+        // The Gaussian whose product with the weight has these moments.
+        let moments =
+            glam::DMat2::from_cols_array(&[second[0], second[1], second[1], second[2]]) * (1.0 / sum);
+        let own = moments.inverse() - glam::DMat2::from_diagonal(glam::DVec2::splat(1.0 / weight2));
+        let next = if own.determinant() > 0.0 { own.determinant().powf(-0.25) } else { 1.5 * sigma };
+        let next = next.clamp(0.5, 7.0);
+        let settled = step[0].hypot(step[1]) < 1e-5 && (next / sigma - 1.0).abs() < 1e-5;
+        sigma = next;
+        if settled {
+            break;
+        }
+    }
+    (at, sigma)
+}
+
+/// A green sub-pixel's image is where the optics say, and has its light: that of a star of the channel's share (eq. 10),
+/// times cos^4 and the solid angle. Black, glare and mura off.
 #[test]
 fn a_point_lands_where_it_should_with_its_light() {
     let mut setup = setup("wide-fov.toml");
@@ -45,8 +83,9 @@ fn a_point_lands_where_it_should_with_its_light() {
         screen.set(at[0], at[1], [0, 255, 0]);
         let light = bench.light_e(&screen, &exposure).unwrap();
         let expected = bench.land_px([f64::from(at[0]) + 0.5, f64::from(at[1]) + 0.5], 1, &exposure).unwrap();
-        let (got, sum) = centroid(&light, 2048, expected, 22);
-        assert!((got[0] - expected[0]).hypot(got[1] - expected[1]) < 0.05, "{got:?} {expected:?}");
+        let (_, sum) = centroid(&light, 2048, expected, 22);
+        let (got, _) = windowed(&light, 2048, expected);
+        assert!((got[0] - expected[0]).hypot(got[1] - expected[1]) < 0.1, "{got:?} {expected:?}");
         // K_f shows about the same place: distortion is 2 % of it at most.
         let k = setup
             .facility_pinhole()
@@ -95,7 +134,7 @@ fn points_and_scenes_agree() {
         assert!((sums[0] / sums[1] - 1.0).abs() < 1e-3, "{sums:?}");
         let about = bench.land_px(middle, 1, &exposure).unwrap();
         let [a, b] = [&points, &scene].map(|image| centroid(image, 2048, about, 90).0);
-        assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-3, "{a:?} {b:?}");
+        assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 3e-3, "{a:?} {b:?}");
     }
 }
 
@@ -167,11 +206,14 @@ fn parts_of_a_points_image_can_be_left_out() {
         let at = bench.land_px([1500.5, 1100.5], 1, &exposure).unwrap();
         let mut light = vec![0f32; 2048 * 1536];
         bench.optics().add_points(&mut light, &sources);
-        let (centroid, sum) = centroid(&light, 2048, at, 20);
-        assert!(
-            (centroid[0] - at[0]).hypot(centroid[1] - at[1]) < 0.06,
-            "{point_image:?}: {centroid:?} {at:?}"
-        );
+        let (mean, sum) = centroid(&light, 2048, at, 20);
+        // The others have no coma. Of a point that is smaller than the pixel, the pixel is all that is known.
+        let (seen, within_px) = match point_image {
+            PointImage::Point => (mean, 0.5),
+            PointImage::Diffraction => (mean, 0.1),
+            PointImage::Full => (windowed(&light, 2048, at).0, 0.1),
+        };
+        assert!((seen[0] - at[0]).hypot(seen[1] - at[1]) < within_px, "{point_image:?}: {seen:?} {at:?}");
         (f64::from(light.iter().copied().fold(0.0, f32::max)) / sum, sum)
     });
     let [point, diffraction, full] = images;
@@ -192,4 +234,74 @@ fn numbers_without_noise_are_the_mean_of_those_with_it() {
     let mean = |dn: &[u16]| dn.iter().map(|&dn| f64::from(dn)).sum::<f64>() / dn.len() as f64;
     let (quiet, noisy) = (mean(&bench.sensor().noiseless(&light)), mean(&bench.read(&light, &exposure).dn));
     assert!((quiet - noisy).abs() < 0.6, "{quiet} {noisy}");
+}
+
+/// Points over the field, all in one image: where the table has their green light, and what a detector finds.
+fn found(bench: &Bench, counts: [u8; 3]) -> Vec<([f64; 2], [f64; 2], f64)> {
+    let exposure = Exposure::new(1e-2, 0);
+    let mut screen = ScreenImage::dark(1920, 1200);
+    let places: Vec<[u32; 2]> = (0..48).map(|i| [212 + i % 8 * 213, 70 + i / 8 * 211]).collect();
+    places.iter().for_each(|&[x, y]| screen.set(x, y, counts));
+    let mut light = vec![0f32; 2048 * 1536];
+    bench.optics().add_points(&mut light, &bench.sources(&screen, &exposure).unwrap());
+    let at = |[x, y]: [u32; 2]| {
+        let expected = bench.land_px([f64::from(x) + 0.5, f64::from(y) + 0.5], 1, &exposure)?;
+        let inside = expected[0] > 25.0 && expected[1] > 25.0 && expected[0] < 2023.0 && expected[1] < 1511.0;
+        inside.then_some(expected)
+    };
+    places
+        .into_iter()
+        .filter_map(at)
+        .map(|expected| {
+            let (seen, sigma) = windowed(&light, 2048, expected);
+            (expected, seen, sigma)
+        })
+        .collect()
+}
+
+/// Images between the kernels' nodes are blends, whose cores lie on one another: with nodes elsewhere spots are found at
+/// the same places and equally wide, and about where the table of rays has them.
+#[test]
+fn spots_do_not_depend_on_where_the_nodes_are() {
+    let setup = setup("wide-fov.toml");
+    let with = |nodes: [usize; 2]| {
+        let detail = OpticsDetail { nodes, lines: 1, ..OpticsDetail::default() };
+        found(&Bench::new(&setup, &BenchOptions { detail, ..BenchOptions::default() }).unwrap(), [0, 255, 0])
+    };
+    let (one, other) = (with(OpticsDetail::default().nodes), with([18, 13]));
+    let rms = |of: &dyn Fn(usize) -> f64| {
+        ((0..one.len()).map(|i| of(i).powi(2)).sum::<f64>() / one.len() as f64).sqrt()
+    };
+    let apart = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) / 2f64.sqrt();
+    let places = rms(&|i| apart(one[i].1, other[i].1));
+    let table = rms(&|i| apart(one[i].0, one[i].1));
+    let widths = rms(&|i| (one[i].2 / other[i].2).ln());
+    assert!(one.len() > 40 && places < 0.02 && widths < 0.04 && table < 0.08, "{places} {widths} {table}");
+}
+
+/// A display that is moved towards the lenses and away from them, photographed, against the table that the workbench has:
+/// other code (images from wavefronts and diffraction; rays and a window). The mean of the light moves by up to 60 % more.
+#[test]
+fn depth_moves_spots_as_the_workbench_has_it() {
+    let setup = setup("wide-fov.toml");
+    let detail = OpticsDetail { lines: 1, ..OpticsDetail::default() };
+    let at_depth = |focus_mm: f64| {
+        let mut options = BenchOptions { detail, ..BenchOptions::default() };
+        options.wrong.screen.focus_mm = focus_mm;
+        found(&Bench::new(&setup, &options).unwrap(), [255; 3])
+    };
+    let pinhole = setup.camera_pinhole();
+    let rays = crate::display_rays(&setup, 0.175).unwrap();
+    let [near, far] = [at_depth(-0.02), at_depth(0.02)];
+    let (mut off, mut all) = (0.0, 0.0);
+    for (near, far) in near.iter().zip(&far) {
+        let tangent = |seen: [f64; 2]| pinhole.line_of_sight(glam::DVec2::from(seen)).length();
+        let (a, b) = (tangent(near.1), tangent(far.1));
+        let r = 0.5 * (a + b);
+        let (measured, expected) = ((b - a) / 0.04, r * rays.tangent_per_depth(r));
+        off += (measured - expected).powi(2);
+        all += measured.powi(2);
+    }
+    let part = (off / all).sqrt();
+    assert!(part < 0.1, "{part}");
 }

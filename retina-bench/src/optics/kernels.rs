@@ -1,11 +1,12 @@
-//! What a sub-pixel's light does to the pixels about its centroid, at nodes over the sensor.
+//! What a sub-pixel's light does to the pixels about its place, at nodes over the sensor.
 
 use glam::DVec2;
 use rayon::prelude::*;
 use retina_optics::facility::{
-    Chebyshev2, Imaging, Kernel, KernelFrame, KernelGrid, SpectralLine, TILT, WAVEFRONT_TERMS, tangents,
+    Chebyshev2, Imaging, Kernel, KernelFrame, KernelGrid, SpectralLine, TILT, WAVEFRONT_TERMS,
 };
 
+use super::windowed::Sampling;
 use super::{CameraPose, FUNCTIONS, OpticsDetail, PointImage, added};
 use crate::{BenchError, Display, Imperfections};
 
@@ -41,6 +42,7 @@ pub(super) struct Shapes<'a> {
     pub(super) imaging: &'a Imaging,
     pub(super) wrong: &'a Imperfections,
     pub(super) point_image: PointImage,
+    pub(super) sampling: &'a Sampling,
 }
 
 impl Shapes<'_> {
@@ -77,19 +79,18 @@ impl Shapes<'_> {
             values[side / 2 * side + side / 2] = (grid.per_px * grid.per_px) as f32;
             return Ok(Kernel { grid, values, beyond: 0.0 });
         }
-        // The centroid of all lines together is the kernel's middle.
-        let mut reference = [0.0; 2];
         let mut toward = [0.0; 2];
         let mut radius_mm = 0.0;
-        for &(nm, weight) in lines {
-            let wavefront = self.imaging.wavefront([x, y], nm, z);
+        let mut seen = Vec::with_capacity(lines.len());
+        for &line in lines {
+            let wavefront = self.imaging.wavefront([x, y], line.0, z);
             let tilt = wavefront.reference_tangents();
             radius_mm = wavefront.pupil_radius_mm;
-            let terms = self.added(place, tilt, nm, radius_mm);
-            let at = tangents(wavefront.plus(&terms).centroid());
-            reference = [0, 1].map(|k| reference[k] + weight * at[k]);
-            toward = [0, 1].map(|k| toward[k] + weight * tilt[k]);
+            seen.push((line, wavefront.plus(&self.added(place, tilt, line.0, radius_mm))));
+            toward = [0, 1].map(|k| toward[k] + line.1 * tilt[k]);
         }
+        // All lines together are one spot.
+        let reference = self.sampling.middle(seen.into_iter());
         let frame = KernelFrame { reference, roll_rad: camera.roll_rad };
         let objective = |nm: f64| self.added(place, toward, nm, radius_mm);
         Ok(self.imaging.kernel([x, y], lines, z, frame, grid, objective)?)

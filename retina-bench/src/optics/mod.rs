@@ -1,14 +1,16 @@
 //! From the screen to the sensor: where a sub-pixel's light lands, how much of it, and how it is spread.
 //!
-//! For each channel, position on the sensor and relative light are tabulated over the display through the
-//! centroid of the traced wavefront; the image's shape is computed at nodes over the sensor ([`Kernels`])
-//! and blended between them. Kernels are centred on the centroid, so blending shapes moves nothing.
+//! For each channel, position on the sensor and relative light are tabulated over the display; the image's shape is
+//! computed at nodes over the sensor ([`Kernels`]) and blended between them. A spot's position is where a detector's window
+//! finds it ([`windowed`]), and kernels are centred there: shapes that are blended have their cores on one another.
 
 mod dense;
+mod depth;
 mod kernels;
 mod place;
 mod sparse;
 mod stray;
+mod windowed;
 
 use glam::DVec2;
 use rayon::prelude::*;
@@ -19,18 +21,20 @@ use retina_optics::facility::{
 };
 use retina_radiometry::QuantumEfficiency;
 
-pub use place::{CameraPose, ExposurePose, display_rays, facility_system};
+pub use depth::display_rays;
+pub use place::{CameraPose, ExposurePose, facility_system};
 
 use crate::imperfections::Objective;
 use crate::{BenchError, Display, Imperfections};
 use dense::Dense;
 use kernels::{Kernels, Shapes};
 use stray::Ghosts;
+use windowed::Sampling;
 
 /// Light that lands on the sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Source {
-    /// Where its centroid lands, camera pixels.
+    /// Where a detector's window finds it, camera pixels.
     pub at_px: DVec2,
     /// 0 red, 1 green, 2 blue.
     pub channel: usize,
@@ -169,17 +173,25 @@ impl BenchOptics {
             ..ImagingOptions::new(reach)
         };
         let imaging = Imaging::new(system, options)?;
+        let seen = |[x, y, z]: [f64; 3], nm: f64| {
+            let wavefront = imaging.wavefront([x, y], nm, z);
+            let terms =
+                added(&wrong.objective, wavefront.reference_tangents(), nm, wavefront.pupil_radius_mm);
+            wavefront.plus(&terms)
+        };
         let centroid = |at_mm: [f64; 2], lines: &[SpectralLine]| {
             let [x, y, z] = wrong.screen.place(at_mm);
             let mut sum = [0.0; 2];
             for &(nm, weight) in lines {
-                let wavefront = imaging.wavefront([x, y], nm, z);
-                let terms =
-                    added(&wrong.objective, wavefront.reference_tangents(), nm, wavefront.pupil_radius_mm);
-                let at = tangents(wavefront.plus(&terms).centroid());
+                let at = tangents(seen([x, y, z], nm).centroid());
                 sum = [0, 1].map(|k| sum[k] + weight * at[k]);
             }
             sum
+        };
+        let sampling = Sampling::new(camera.pinhole.fx_px);
+        let middle = |at_mm: [f64; 2], lines: &[SpectralLine]| {
+            let place = wrong.screen.place(at_mm);
+            sampling.middle(lines.iter().map(|&line| (line, seen(place, line.0))))
         };
         // Solid angle of the display's element, projected on the pupil: d2t cos^4.
         let light = |at_mm: [f64; 2], lines: &[SpectralLine]| {
@@ -198,13 +210,13 @@ impl BenchOptics {
                 // One step inside, so that differences stay on the table.
                 let inside = |at: [f64; 2]| [0, 1].map(|k| at[k] * (1.0 - 0.011 / half_screen_mm[k]));
                 Chebyshev2::new(half_screen_mm, 12, |at| {
-                    let px = camera.pixel(centroid(at, lines));
+                    let px = camera.pixel(middle(at, lines));
                     Ok::<_, BenchError>([px.x, px.y, light(inside(at), lines) / on_axis])
                 })
             })
             .collect::<Result<Vec<_>, _>>()?;
         let size_px = [setup.camera.width_px as usize, setup.camera.height_px as usize];
-        let shapes = Shapes { imaging: &imaging, wrong, point_image };
+        let shapes = Shapes { imaging: &imaging, wrong, point_image, sampling: &sampling };
         let kernels = Kernels::new(shapes, &maps, half_screen_mm, &camera, display, lines, detail, size_px)?;
         let ghosts = Ghosts::new(system, setup, kernels.beyond())?;
         let mut optics = Self {
@@ -241,8 +253,9 @@ impl BenchOptics {
         (0..2).all(|k| at_mm[k].abs() <= self.half_screen_mm[k])
     }
 
-    /// Where a point of the display (mm from its centre) lands on the sensor, px, and its light relative to
-    /// the centre's; `None` far off the field. Before anything that belongs to an exposure.
+    /// Where a point of the display (mm from its centre) is found on the sensor, px, by a Gaussian window as wide as its
+    /// image, and its light relative to the centre's; `None` far off the field. Before anything that belongs to an
+    /// exposure.
     pub fn land(&self, at_mm: [f64; 2], channel: usize) -> Option<(DVec2, f64)> {
         if !self.contains(at_mm) {
             return None;

@@ -3,15 +3,15 @@
 
 use std::path::Path;
 
-use glam::{DMat2, DMat3, DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use retina_files::InputError;
-use retina_geometry::{DisplayRays, Pinhole, Setup};
+use retina_geometry::{Pinhole, Setup};
 use retina_optics::constraints::BenchLimits;
 use retina_optics::design::{BenchLenses, Camera, MatchBy, Screen, bench_design};
 use retina_optics::search::{
     Configuration, Element, FacilityDesign, GroupDesign, ScreenFocus, SearchRequest, evaluate,
 };
-use retina_optics::{Clipping, Launcher, OpticalSystem, OpticsError, Tracer, read_system};
+use retina_optics::{OpticalSystem, read_system};
 
 use crate::imperfections::Objective;
 use crate::{BenchError, Imperfections};
@@ -192,64 +192,4 @@ impl ExposurePose {
         let from = (at_px - centre) * self.scale;
         centre + DVec2::from_angle(self.roll_rad).rotate(from) + self.shift_px
     }
-}
-
-/// Fields at which rays are traced, as parts of the largest.
-const FIELDS: [f64; 6] = [0.15, 0.35, 0.55, 0.7, 0.85, 1.0];
-/// Rings and spokes of the pupil's rays; rings of equal area.
-const RINGS: usize = 6;
-const SPOKES: usize = 12;
-
-/// What a setup's lenses make of the display's depth, by rays over the whole pupil at the primary wavelength. `half_tan`
-/// is the largest line of sight's tangent.
-///
-/// # Errors
-/// As [`facility_system`]; a ray that does not arrive.
-pub fn display_rays(setup: &Setup, half_tan: f64) -> Result<DisplayRays, BenchError> {
-    let system = facility_system(setup)?;
-    let tracer = Tracer::new(&system, system.primary_nm(), Clipping::Off)?;
-    let launcher = Launcher::new(&system)?;
-    // Where a ray meets the display, and its slope there.
-    let meet = |field: DVec2, pupil: [f64; 2]| -> Result<[DVec2; 2], BenchError> {
-        let crossing = tracer.trace_to_image(&launcher.ray(field.to_array(), pupil)?).map_err(|failure| {
-            OpticsError::Ray { what: format!("a ray of the field ({:.4}, {:.4})", field.x, field.y), failure }
-        })?;
-        let direction = crossing.local_direction;
-        Ok([crossing.local_mm.truncate(), direction.truncate() / direction.z])
-    };
-    let step = 1e-3 * half_tan;
-    let mut samples = Vec::new();
-    for part in FIELDS {
-        let field = DVec2::new(part * half_tan, 0.0);
-        let (mut height, mut per_depth) = (0.0, 0.0);
-        for ray in 0..RINGS * SPOKES {
-            let radius = ((ray / SPOKES) as f64 + 0.5).sqrt() / (RINGS as f64).sqrt();
-            let angle = std::f64::consts::TAU * ((ray % SPOKES) as f64 + 0.5) / SPOKES as f64;
-            let pupil = [radius * angle.cos(), radius * angle.sin()];
-            let [at, slope] = meet(field, pupil)?;
-            let along = |axis: DVec2| -> Result<DVec2, BenchError> {
-                Ok((meet(field + step * axis, pupil)?[0] - meet(field - step * axis, pupil)?[0])
-                    / (2.0 * step))
-            };
-            let jacobian = DMat2::from_cols(along(DVec2::X)?, along(DVec2::Y)?);
-            height += at.x;
-            per_depth -= (jacobian.inverse() * slope).x;
-        }
-        let count = (RINGS * SPOKES) as f64;
-        samples.push([part, (height / count / field.x).abs(), per_depth / count / field.x]);
-    }
-    // Even polynomials of second order, by least squares.
-    let fitted = |value: usize| {
-        let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
-        for sample in &samples {
-            let row = DVec3::new(1.0, sample[0].powi(2), sample[0].powi(4));
-            normal += DMat3::from_cols(row * row.x, row * row.y, row * row.z);
-            right += row * sample[value];
-        }
-        // Of parts of the largest field so far.
-        let h2 = half_tan * half_tan;
-        let [a, b, c] = (normal.inverse() * right).to_array();
-        [a, b / h2, c / (h2 * h2)]
-    };
-    Ok(DisplayRays { height_mm: fitted(1), tangent_per_depth: fitted(2) })
 }
