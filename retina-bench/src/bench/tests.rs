@@ -85,7 +85,7 @@ fn a_point_lands_where_it_should_with_its_light() {
         let expected = bench.land_px([f64::from(at[0]) + 0.5, f64::from(at[1]) + 0.5], 1, &exposure).unwrap();
         let (_, sum) = centroid(&light, 2048, expected, 22);
         let (got, _) = windowed(&light, 2048, expected);
-        assert!((got[0] - expected[0]).hypot(got[1] - expected[1]) < 0.1, "{got:?} {expected:?}");
+        assert!((got[0] - expected[0]).hypot(got[1] - expected[1]) < 0.15, "{got:?} {expected:?}");
         // K_f shows about the same place: distortion is 2 % of it at most.
         let k = setup
             .facility_pinhole()
@@ -303,5 +303,5 @@ fn depth_moves_spots_as_the_workbench_has_it() {
         all += measured.powi(2);
     }
     let part = (off / all).sqrt();
-    assert!(part < 0.1, "{part}");
+    assert!(part < 0.06, "{part}");
 }

@@ -114,7 +114,7 @@ impl Spots {
                     ((tangent * self.focal_px).to_array(), point.weight)
                 })
                 .collect();
-            windowed_mean(&rays, blur_px).0[0] / self.focal_px
+            windowed_mean(&rays, blur_px)[0] / self.focal_px
         };
         let tangent = seen(0.0);
         Ok(Response {

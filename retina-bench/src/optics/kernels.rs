@@ -3,11 +3,11 @@
 use glam::DVec2;
 use rayon::prelude::*;
 use retina_optics::facility::{
-    Chebyshev2, Imaging, Kernel, KernelFrame, KernelGrid, SpectralLine, TILT, WAVEFRONT_TERMS,
+    Chebyshev2, Imaging, Kernel, KernelFrame, KernelGrid, SpectralLine, TILT, WAVEFRONT_TERMS, tangents,
 };
 
 use super::windowed::Sampling;
-use super::{CameraPose, FUNCTIONS, OpticsDetail, PointImage, added};
+use super::{CameraPose, FUNCTIONS, OpticsDetail, PointImage, added, middle_line};
 use crate::{BenchError, Display, Imperfections};
 
 /// Samples of a kernel a pixel.
@@ -81,16 +81,23 @@ impl Shapes<'_> {
         }
         let mut toward = [0.0; 2];
         let mut radius_mm = 0.0;
-        let mut seen = Vec::with_capacity(lines.len());
-        for &line in lines {
-            let wavefront = self.imaging.wavefront([x, y], line.0, z);
+        let mut centroid = [0.0; 2];
+        let mut offset = [0.0; 2];
+        for &(nm, weight) in lines {
+            let wavefront = self.imaging.wavefront([x, y], nm, z);
             let tilt = wavefront.reference_tangents();
             radius_mm = wavefront.pupil_radius_mm;
-            seen.push((line, wavefront.plus(&self.added(place, tilt, line.0, radius_mm))));
-            toward = [0, 1].map(|k| toward[k] + line.1 * tilt[k]);
+            let seen = wavefront.plus(&self.added(place, tilt, nm, radius_mm));
+            let at = tangents(seen.centroid());
+            toward = [0, 1].map(|k| toward[k] + weight * tilt[k]);
+            centroid = [0, 1].map(|k| centroid[k] + weight * at[k]);
+            if nm == middle_line(lines) {
+                let found = self.sampling.middle(nm, &seen);
+                offset = [0, 1].map(|k| found[k] - at[k]);
+            }
         }
-        // All lines together are one spot.
-        let reference = self.sampling.middle(seen.into_iter());
+        // All lines together are one spot, and are found as the middle one is.
+        let reference = [0, 1].map(|k| centroid[k] + offset[k]);
         let frame = KernelFrame { reference, roll_rad: camera.roll_rad };
         let objective = |nm: f64| self.added(place, toward, nm, radius_mm);
         Ok(self.imaging.kernel([x, y], lines, z, frame, grid, objective)?)

@@ -1,8 +1,9 @@
 //! From the screen to the sensor: where a sub-pixel's light lands, how much of it, and how it is spread.
 //!
-//! For each channel, position on the sensor and relative light are tabulated over the display; the image's shape is
-//! computed at nodes over the sensor ([`Kernels`]) and blended between them. A spot's position is where a detector's window
-//! finds it ([`windowed`]), and kernels are centred there: shapes that are blended have their cores on one another.
+//! For each channel, position on the sensor and relative light are tabulated over the display through the centroid of the
+//! traced wavefront. A spot's place is where a detector's window finds it: an offset from the centroid ([`windowed`]). The
+//! image's shape is computed at nodes over the sensor ([`Kernels`]) and blended between them. Kernels are centred on the
+//! same place, so that shapes that are blended have their cores on one another.
 
 mod dense;
 mod depth;
@@ -29,7 +30,7 @@ use crate::{BenchError, Display, Imperfections};
 use dense::Dense;
 use kernels::{Kernels, Shapes};
 use stray::Ghosts;
-use windowed::Sampling;
+use windowed::{Offsets, Sampling};
 
 /// Light that lands on the sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,7 +73,7 @@ impl Default for OpticsDetail {
     }
 }
 
-/// Functions tabulated over the display: x and y on the sensor (px), relative light.
+/// Functions tabulated over the display: x and y of the centroid on the sensor (px), relative light.
 const FUNCTIONS: usize = 3;
 
 /// Spacing of the grid from which positions of full scenes are interpolated, screen pixels: straight lines
@@ -85,6 +86,7 @@ pub struct BenchOptics {
     camera: CameraPose,
     half_screen_mm: [f64; 2],
     maps: Vec<Chebyshev2<FUNCTIONS>>,
+    offsets: [Offsets; 3],
     kernels: Kernels,
     dense: std::sync::OnceLock<Dense>,
     ghosts: Ghosts,
@@ -124,6 +126,11 @@ pub fn channel_lines(setup: &Setup, efficiency: &QuantumEfficiency, count: usize
         let sum: f64 = lines.iter().map(|line| line.1).sum();
         lines.into_iter().map(|(nm, weight)| (nm, weight / sum)).collect()
     })
+}
+
+/// The line in the middle of a channel's, nm.
+fn middle_line(lines: &[SpectralLine]) -> f64 {
+    lines[lines.len() / 2].0
 }
 
 /// What the objective adds to the wavefront of a direction (tangents) at a wavelength, mm.
@@ -189,10 +196,6 @@ impl BenchOptics {
             sum
         };
         let sampling = Sampling::new(camera.pinhole.fx_px);
-        let middle = |at_mm: [f64; 2], lines: &[SpectralLine]| {
-            let place = wrong.screen.place(at_mm);
-            sampling.middle(lines.iter().map(|&line| (line, seen(place, line.0))))
-        };
         // Solid angle of the display's element, projected on the pupil: d2t cos^4.
         let light = |at_mm: [f64; 2], lines: &[SpectralLine]| {
             let h = 0.01;
@@ -210,11 +213,19 @@ impl BenchOptics {
                 // One step inside, so that differences stay on the table.
                 let inside = |at: [f64; 2]| [0, 1].map(|k| at[k] * (1.0 - 0.011 / half_screen_mm[k]));
                 Chebyshev2::new(half_screen_mm, 12, |at| {
-                    let px = camera.pixel(middle(at, lines));
+                    let px = camera.pixel(centroid(at, lines));
                     Ok::<_, BenchError>([px.x, px.y, light(inside(at), lines) / on_axis])
                 })
             })
             .collect::<Result<Vec<_>, _>>()?;
+        let offsets = lines.each_ref().map(|lines| {
+            Offsets::new(half_screen_mm, |at| {
+                let (nm, place) = (middle_line(lines), wrong.screen.place(at));
+                let wavefront = seen(place, nm);
+                let found = camera.pixel(sampling.middle(nm, &wavefront));
+                found - camera.pixel(tangents(wavefront.centroid()))
+            })
+        });
         let size_px = [setup.camera.width_px as usize, setup.camera.height_px as usize];
         let shapes = Shapes { imaging: &imaging, wrong, point_image, sampling: &sampling };
         let kernels = Kernels::new(shapes, &maps, half_screen_mm, &camera, display, lines, detail, size_px)?;
@@ -224,6 +235,7 @@ impl BenchOptics {
             camera,
             half_screen_mm,
             maps,
+            offsets,
             kernels,
             dense: std::sync::OnceLock::new(),
             ghosts,
@@ -240,11 +252,10 @@ impl BenchOptics {
             .into_par_iter()
             .map(|i| {
                 let at = [i % self.grid[0], i / self.grid[0]].map(|k| (k * MAP_STEP_PX) as f64);
-                let at = display.mm([at[0], at[1]]);
-                if !self.contains(at) {
-                    return [f32::NAN; FUNCTIONS];
-                }
-                self.maps[channel].at(at).map(|v| v as f32)
+                let landed = self.land(display.mm([at[0], at[1]]), channel);
+                landed.map_or([f32::NAN; FUNCTIONS], |(at_px, light)| {
+                    [at_px.x as f32, at_px.y as f32, light as f32]
+                })
             })
             .collect()
     }
@@ -261,7 +272,7 @@ impl BenchOptics {
             return None;
         }
         let [x, y, light] = self.maps[channel].at(at_mm);
-        Some((DVec2::new(x, y), light))
+        Some((DVec2::new(x, y) + self.offsets[channel].at(at_mm), light))
     }
 
     /// As [`BenchOptics::land`], of a position in screen pixels, interpolated to 0.001 px.

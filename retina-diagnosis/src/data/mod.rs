@@ -131,7 +131,7 @@ pub struct Dataset {
     pub(crate) half_tan: f64,
     /// The y of the camera's upper and lower edge, where x is 1 at the others: its height over its width (points).
     pub(crate) half_height: f64,
-    /// The chief rays at the display, where the lenses are known (points).
+    /// What the lenses make of the display's depth, where they are known (points).
     pub(crate) display: Option<DisplayRays>,
     /// One pixel of the screen in arcsec (points).
     pub(crate) screen_pixel_arcsec: f64,
