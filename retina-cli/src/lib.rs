@@ -185,6 +185,10 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 /// A file of one kind is to be written: its folder must be there and its name end as it should.
 fn check_file(path: &std::path::Path, extension: &str) -> Result<(), Failure> {
     check_target(path)?;
+    check_extension(path, extension)
+}
+
+fn check_extension(path: &std::path::Path, extension: &str) -> Result<(), Failure> {
     let found = path.extension().and_then(|extension| extension.to_str()).unwrap_or("");
     if found.eq_ignore_ascii_case(extension) {
         return Ok(());

@@ -84,10 +84,26 @@ fn documents_of_commands_fit() {
     let truth: Value =
         serde_json::from_slice(&fs::read(fixture.path("out/truth/000000.json")).unwrap()).unwrap();
     assert!(assert_fits_its_schema(&truth));
+    let record: Value = serde_json::from_slice(&fs::read(fixture.path("out/batch.json")).unwrap()).unwrap();
+    let manifest = fs::read_to_string(fixture.path("out/manifest.jsonl")).unwrap();
+    let frame: Value = serde_json::from_str(manifest.lines().next().unwrap()).unwrap();
+    let devices = json(&retina(&["lab", "devices", "--json"]));
+    let power = fixture.path("power");
+    let campaign = json(&retina(&[
+        "simulate",
+        "power",
+        "--setup",
+        fixture.path("setup.toml").to_str().unwrap(),
+        "--seed",
+        "1",
+        "--out",
+        power.to_str().unwrap(),
+        "--json",
+    ]));
     let setup = fixture.path("setup.toml");
     let constraints = json(&retina(&["optics", "constraints", "--f-c", "150", "--f-r", "100", "--json"]));
     let checked = json(&retina(&["check", setup.to_str().unwrap(), "--json"]));
-    for document in [&constraints, &checked] {
+    for document in [&constraints, &checked, &record, &frame, &devices, &campaign] {
         assert!(assert_fits_its_schema(document));
     }
 }

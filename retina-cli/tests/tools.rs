@@ -42,7 +42,10 @@ fn what_is_started_reads_and_renders() {
     // What is there is not written over.
     assert_refused(&run(&["new", "setup", "--out", "setup.toml"]), &["setup.toml", "is there already"]);
     assert_eq!(std::fs::read_to_string(folder.path().join("setup.toml")).unwrap(), own);
-    assert_refused(&run(&["new", "setup", "--out", "setup.yaml"]), &["extension"]);
+    assert_refused(&run(&["new", "setup", "--out", "other/setup.yaml"]), &["extension"]);
+    assert!(!folder.path().join("other").exists());
+    assert_done(&run(&["new", "scene", "--out", "other/folder/scene.toml"]));
+    assert_done(&run(&["check", "other/folder/setup.toml"]));
 }
 
 #[test]

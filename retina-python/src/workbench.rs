@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use retina::diagnosis::{
@@ -225,13 +226,19 @@ impl PyFindings {
         self.drawn(py, || self.page()?.write(&path))
     }
 
-    /// Baseline, effect and error of each row of a fit, as columns.
+    /// Baseline, effect and error of each row of a fit, as columns; of points beside where they were seen.
     fn predictions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let Found::Fit(result) = &self.found else {
             return Err(Failure::new("only a fit has predictions").into());
         };
         let text = py.detach(|| predictions_text(Path::new("<predictions>"), &self.data, result));
-        columns_of(py, &text.map_err(Failure::from)?)
+        let columns = columns_of(py, &text.map_err(Failure::from)?)?;
+        if let Some(Measurements::Points(table)) = self.material.as_ref().map(|material| &material.tables) {
+            let column = |axis: usize| table.rows.iter().map(|row| row.camera_px[axis]).collect::<Vec<f64>>();
+            columns.set_item("camera_x_px", PyArray1::from_vec(py, column(0)))?;
+            columns.set_item("camera_y_px", PyArray1::from_vec(py, column(1)))?;
+        }
+        Ok(columns)
     }
 
     /// Writes the model of a fit as a calibration, and gives how far its polynomials are from the model, arcsec rms.

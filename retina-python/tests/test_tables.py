@@ -100,6 +100,7 @@ def test_an_effect_is_a_function_or_a_formula(warming: dict[str, Any], tmp_path:
     assert value["value"] == pytest.approx(0.15 * px_arcsec, abs=4 * value["sigma"])
     predictions = by_function.predictions
     assert predictions["residual_x_px"].shape == (len(warming["image"]),)
+    assert np.array_equal(predictions["camera_x_px"], warming["camera_x_px"])
     moved = 0.15 * (warming["temperature_c"] - 20.0)
     assert np.std(predictions["effect_x_px"] - moved) < 0.01
     assert by_function.correlation.shape == (len(by_function.correlated),) * 2

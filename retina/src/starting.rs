@@ -28,7 +28,8 @@ impl StartingFile {
         }
     }
 
-    /// Writes it, and beside a scene or a campaign a setup where there is none. Returns what was written.
+    /// Writes it, and beside a scene or a campaign a setup where there is none; makes their folder. Returns what was
+    /// written.
     ///
     /// # Errors
     /// The file is there already, or cannot be written.
@@ -52,7 +53,9 @@ impl StartingFile {
 }
 
 fn put(path: &Path, text: &str) -> Result<(), InputError> {
-    write_atomic(path, text.as_bytes()).map_err(|error| {
-        InputError::new(path, format!("cannot be written: {error}")).help("check that its folder is there")
-    })
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    folder
+        .map_or(Ok(()), std::fs::create_dir_all)
+        .and_then(|()| write_atomic(path, text.as_bytes()))
+        .map_err(|error| InputError::new(path, format!("cannot be written: {error}")).help("give --out another folder"))
 }

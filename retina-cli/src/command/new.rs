@@ -22,7 +22,7 @@ pub(crate) struct Arguments {
     /// What to start.
     #[arg(value_enum)]
     kind: Kind,
-    /// File to write; it must not be there yet.
+    /// File to write; it must not be there yet. Its folder is made.
     #[arg(long, value_name = "FILE.toml")]
     out: PathBuf,
 }
@@ -33,7 +33,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Kind::Scene => StartingFile::Scene,
         Kind::Campaign => StartingFile::Campaign,
     };
-    crate::check_file(&arguments.out, "toml")?;
+    crate::check_extension(&arguments.out, "toml")?;
     for path in kind.write(&arguments.out)? {
         tell!("{}: every key has a comment; `retina check {0}` says what it would do", path.display());
     }

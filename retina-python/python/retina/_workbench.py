@@ -297,7 +297,10 @@ class Fit(_Findings):
 
     @property
     def predictions(self) -> dict[str, Any]:
-        """Baseline, effect and error of every row, as columns; NaN of rows that were not fitted."""
+        """Baseline, effect and error of every row, as columns; NaN of rows that were not fitted.
+
+        Tables of points and frames also say where on the camera the row is: ``camera_x_px``, ``camera_y_px``.
+        """
         return self._native.predictions()
 
     def write_model(self, path: PathLike) -> float:
