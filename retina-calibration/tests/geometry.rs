@@ -71,6 +71,32 @@ fn a_likely_facility_is_found_from_faint_to_bright() {
     assert_eq!(json["covariance"].as_array().unwrap().len(), json["coefficients"].as_array().unwrap().len());
 }
 
+/// A spot with coma is found beside the mean of its light by more than a pixel, and this steps up where it comes into focus.
+/// Degree 11 follows such a ring, and what it does on the screen beyond the camera's field can still be inverted.
+#[test]
+fn a_sharp_ring_is_followed_and_the_mapping_inverts_over_the_whole_screen() {
+    let setup = wide();
+    let facility = Facility { coma_arcsec: 0.0, ..LIKELY };
+    let mut table = facility.table(&setup, 60, 300, 5);
+    let pinhole = setup.camera_pinhole();
+    let centre = DVec2::new(pinhole.cx_px, pinhole.cy_px);
+    for row in &mut table.rows {
+        let from = row.camera_px - centre;
+        let r = from.length() / pinhole.fx_px;
+        row.camera_px += 0.4 * ((r - 0.12) / 0.02).tanh() * from.normalize();
+    }
+    let (result, read) = calibrated(&table, &CalibrateOptions::default());
+    assert_eq!(result.form.degree, 11, "{:?}", result.form);
+    assert!(result.direct.worst_arcsec < 1.0, "{}", result.direct.worst_arcsec);
+    let size = DVec2::new(f64::from(setup.screen.width_px), f64::from(setup.screen.height_px));
+    for corner in [DVec2::ZERO, DVec2::new(size.x, 0.0), DVec2::new(0.0, size.y), size] {
+        // The screen's corners, which no point was near to, are seen within some pixels of where K_f has them.
+        let at = setup.facility_pinhole().line_of_sight(corner);
+        let off = read.distortion.distort(at) - at;
+        assert!(off.length() < 0.01, "{corner}: {off}");
+    }
+}
+
 #[test]
 fn the_centre_of_the_distortion_is_where_it_was_put() {
     let setup = wide();

@@ -54,8 +54,9 @@ impl StartingFile {
 
 fn put(path: &Path, text: &str) -> Result<(), InputError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    folder
-        .map_or(Ok(()), std::fs::create_dir_all)
-        .and_then(|()| write_atomic(path, text.as_bytes()))
-        .map_err(|error| InputError::new(path, format!("cannot be written: {error}")).help("give --out another folder"))
+    folder.map_or(Ok(()), std::fs::create_dir_all).and_then(|()| write_atomic(path, text.as_bytes())).map_err(
+        |error| {
+            InputError::new(path, format!("cannot be written: {error}")).help("give --out another folder")
+        },
+    )
 }

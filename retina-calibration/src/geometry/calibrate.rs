@@ -11,7 +11,7 @@ use retina_radiometry::magnitude_of_irradiance;
 use super::checks::check;
 use super::direct::{self, DirectFit};
 use super::errors::{ErrorSummary, angle_arcsec};
-use super::fit::{Fit, Gram, grams, predict, robust_weights};
+use super::fit::{Fit, Gram, grams, guide, predict, robust_weights};
 use super::form::{ModelForm, Scaling, Term};
 use super::noise::{Robust, Weights};
 use super::observations::Observations;
@@ -162,7 +162,19 @@ pub fn calibrate(
     let again = [Robust::Tukey, Robust::Cut];
     let (mut weights, _) =
         robust_weights(&observations, &groups, form, &scaling, &again, weights).ok_or_else(undetermined)?;
-    let fit = Fit::by_qr(&observations, &groups, form, &scaling, &weights).ok_or_else(undetermined)?;
+    let seen = &observations.undistorted;
+    let field = [
+        seen.iter().copied().fold(DVec2::INFINITY, DVec2::min),
+        seen.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max),
+    ];
+    let size = DVec2::new(f64::from(setup.screen.width_px), f64::from(setup.screen.height_px));
+    let screen = setup.facility_pinhole();
+    let whole = [screen.line_of_sight(DVec2::ZERO), screen.line_of_sight(size)];
+    let middle = 0.5 * (field[0] + field[1]);
+    let beyond = (whole[0] - middle).abs().max((whole[1] - middle).abs()) / (0.5 * (field[1] - field[0]));
+    let guide = guide(&observations, &groups, form, &scaling, &weights, beyond).ok_or_else(undetermined)?;
+    let fit =
+        Fit::by_qr(&observations, &groups, form, &scaling, &weights, &guide).ok_or_else(undetermined)?;
     let fitted = fit.predict(&observations, &scaling);
     let residuals: Vec<DVec2> = observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
     // The covariance takes the residuals' own scale: reduced chi-square of the whitened rows.
@@ -175,13 +187,8 @@ pub fn calibrate(
     }
     weights.jitter_variance *= reduced;
     let inverse = inverse_of(&fit, &scaling, options, &observations);
-    let seen = &observations.undistorted;
-    let field = [
-        seen.iter().copied().fold(DVec2::INFINITY, DVec2::min),
-        seen.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max),
-    ];
     let reference = inverse.at(inverse.reference_log10_irradiance);
-    let direct = direct::fit(&reference, &setup.facility_pinhole(), field).ok_or_else(|| {
+    let direct = direct::fit(&reference, &screen, field).ok_or_else(|| {
         InputError::new(&file, "the mapping found cannot be inverted over the screen")
             .help("are the points shifted, or do they leave the screen's edges uncovered? Add some there")
     })?;

@@ -143,18 +143,19 @@ impl Gram {
 }
 
 impl Fit {
-    /// Weighted least squares by QR: each group's rows to a triangle, the triangles stacked to one.
-    /// `None` where the data do not determine the form.
+    /// Weighted least squares by QR: each group's rows to a triangle, the triangles stacked to one, and the guide's rows
+    /// under them. `None` where the data do not determine the form.
     pub(crate) fn by_qr(
         observations: &Observations,
         groups: &[Vec<usize>],
         form: ModelForm,
         scaling: &Scaling,
         weights: &Weights,
+        guide: &[GuidePoint],
     ) -> Option<Self> {
         let terms = form.terms();
         let n = terms.len();
-        let triangles: Vec<Mat<f64>> = groups
+        let mut triangles: Vec<Mat<f64>> = groups
             .par_iter()
             .map(|group| {
                 let blocks: Vec<Mat<f64>> = group
@@ -166,6 +167,7 @@ impl Fit {
                 triangle(&blocks, n + 2)
             })
             .collect();
+        triangles.push(guide_block(guide, &terms, scaling));
         let r = triangle(&triangles, n + 2);
         if !coefficients_are_determined(&r, n) {
             return None;
@@ -195,6 +197,69 @@ impl Fit {
     pub(crate) fn predict(&self, observations: &Observations, scaling: &Scaling) -> Vec<DVec2> {
         predict(observations, scaling, &self.terms, &self.coefficients)
     }
+}
+
+/// Beyond the points' field: a line of sight, and about where it meets the screen (undistorted).
+pub(crate) type GuidePoint = (DVec2, DVec2);
+
+/// Lowest degree beyond which a form needs a guide.
+const GUIDED_DEGREE: u32 = 5;
+/// How closely a form keeps to its guide, rad: against points of some 1e-6 rad next to nothing, and enough that nothing
+/// folds over.
+const GUIDE_SIGMA_RAD: f64 = 1e-4;
+/// Guide points along x and y.
+const GUIDE_SIDE: usize = 21;
+
+/// Where a form of high degree is to go beyond the points' field, over the rest of a screen that reaches `beyond` times as
+/// far along x and y: where one of degree 5 goes. A high degree that follows the field leaves it steeply, and folds over on
+/// the screen. Empty for low degrees; `None` where the data do not determine degree 5.
+pub(crate) fn guide(
+    observations: &Observations,
+    groups: &[Vec<usize>],
+    form: ModelForm,
+    scaling: &Scaling,
+    weights: &Weights,
+    beyond: DVec2,
+) -> Option<Vec<GuidePoint>> {
+    if form.degree <= GUIDED_DEGREE || beyond.max_element() <= 1.0 {
+        return Some(Vec::new());
+    }
+    let low = ModelForm {
+        degree: GUIDED_DEGREE,
+        irradiance_degree: form.irradiance_degree.min(GUIDED_DEGREE),
+        ..form
+    };
+    let terms = low.terms();
+    let columns: Vec<usize> = (0..terms.len()).collect();
+    let grams = grams(observations, groups, &terms, scaling, &observations.undistorted, weights);
+    let coefficients = Gram::sum(grams.iter())?.solve(&columns)?;
+    let mut values = vec![0.0; terms.len()];
+    let mut points = Vec::new();
+    for i in 0..GUIDE_SIDE * GUIDE_SIDE {
+        let place = [i % GUIDE_SIDE, i / GUIDE_SIDE].map(|k| 2.0 * k as f64 / (GUIDE_SIDE - 1) as f64 - 1.0);
+        let scaled = DVec2::from(place) * beyond.max(DVec2::ONE);
+        if scaled.abs().max_element() > 1.0 {
+            let sight = scaling.sight(scaled);
+            scaling.fill(sight, 0.0, &terms, &mut values);
+            points.push((sight, values.iter().zip(&coefficients).map(|(v, c)| *c * *v).sum()));
+        }
+    }
+    Some(points)
+}
+
+fn guide_block(guide: &[GuidePoint], terms: &[Term], scaling: &Scaling) -> Mat<f64> {
+    let n = terms.len();
+    let mut block = Mat::<f64>::zeros(guide.len(), n + 2);
+    let mut values = vec![0.0; n + 2];
+    for (row, (sight, undistorted)) in guide.iter().enumerate() {
+        scaling.fill(*sight, 0.0, terms, &mut values[..n]);
+        values[n] = undistorted.x;
+        values[n + 1] = undistorted.y;
+        for (column, value) in values.iter().enumerate() {
+            block[(row, column)] = value / GUIDE_SIGMA_RAD;
+        }
+    }
+    block
 }
 
 /// Whether no column of a triangle is, to rounding, made up of those before it.

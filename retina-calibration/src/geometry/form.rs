@@ -73,6 +73,12 @@ impl Scaling {
         Self { middle, half }
     }
 
+    /// The line of sight at scaled coordinates.
+    pub(crate) fn sight(&self, scaled: DVec2) -> DVec2 {
+        let [x, y, _] = self.middle;
+        DVec2::new(x, y) + scaled * DVec2::new(self.half[0], self.half[1])
+    }
+
     /// Values of the basis functions P_i(x) P_j(y) P_k(L) of `terms`, into `out`.
     pub(crate) fn fill(&self, r: DVec2, l: f64, terms: &[Term], out: &mut [f64]) {
         let at = [r.x, r.y, l];

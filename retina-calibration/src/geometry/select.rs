@@ -41,7 +41,7 @@ pub(crate) fn folds(exposures: usize) -> Vec<Vec<usize>> {
 }
 
 /// Highest degree of D^-1 that is tried: D, its inverse, needs two more to undo it.
-pub(crate) const HIGHEST_DEGREE: u32 = 9;
+pub(crate) const HIGHEST_DEGREE: u32 = 11;
 
 /// The widest form that the data could determine.
 pub(crate) fn widest(observations: &Observations, plain: bool) -> ModelForm {
