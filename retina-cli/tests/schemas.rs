@@ -6,7 +6,7 @@ mod common;
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use common::{assert_done, assert_fits_its_schema, assert_refused, json};
 use retina_assets::SCHEMAS;
@@ -18,6 +18,10 @@ fn schema(name: &str) -> Value {
 
 fn retina(arguments: &[&str]) -> std::process::Output {
     common::retina().args(arguments).output().unwrap()
+}
+
+fn assets() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets")
 }
 
 fn toml_file(path: &Path) -> Value {
@@ -51,7 +55,7 @@ fn schemas_are_printed_listed_and_written() {
 
 #[test]
 fn files_that_ship_and_files_to_start_from_fit() {
-    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
+    let assets = assets();
     let mut fitting = 0;
     for folder in ["setups", "scenarios", "calibrations"] {
         for entry in fs::read_dir(assets.join(folder)).unwrap() {
@@ -88,18 +92,10 @@ fn documents_of_commands_fit() {
     let manifest = fs::read_to_string(fixture.path("out/manifest.jsonl")).unwrap();
     let frame: Value = serde_json::from_str(manifest.lines().next().unwrap()).unwrap();
     let devices = json(&retina(&["lab", "devices", "--json"]));
+    let setup = assets().join("setups/wide-fov.toml");
     let power = fixture.path("power");
-    let campaign = json(&retina(&[
-        "simulate",
-        "power",
-        "--setup",
-        fixture.path("setup.toml").to_str().unwrap(),
-        "--seed",
-        "1",
-        "--out",
-        power.to_str().unwrap(),
-        "--json",
-    ]));
+    let campaign = ["--setup", setup.to_str().unwrap(), "--seed", "1", "--out", power.to_str().unwrap()];
+    let campaign = json(&retina(&[&["simulate", "power", "--json"], &campaign[..]].concat()));
     let setup = fixture.path("setup.toml");
     let constraints = json(&retina(&["optics", "constraints", "--f-c", "150", "--f-r", "100", "--json"]));
     let checked = json(&retina(&["check", setup.to_str().unwrap(), "--json"]));

@@ -5,7 +5,7 @@ use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use retina_files::InputError;
 use retina_formats::{MeasuredResponse, PointsTable, ResponseRecord, measured_or_power_law};
-use retina_geometry::{InverseDistortion, Setup};
+use retina_geometry::{InverseDistortion, Pinhole, Setup};
 use retina_radiometry::magnitude_of_irradiance;
 
 use super::checks::check;
@@ -118,6 +118,74 @@ fn check_reference(
         .expected(format!("{low:.3} to {high:.3}, the points'")))
 }
 
+/// The screen, and the part of it that points were measured on.
+struct Field {
+    screen: Pinhole,
+    /// Rectangle of the points' undistorted lines of sight, low and high corner.
+    corners: [DVec2; 2],
+    /// How many times as far from its middle the screen reaches, along x and y.
+    beyond: DVec2,
+}
+
+impl Field {
+    fn of(observations: &Observations, setup: &Setup) -> Self {
+        let seen = &observations.undistorted;
+        let low = seen.iter().copied().fold(DVec2::INFINITY, DVec2::min);
+        let high = seen.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
+        let screen = setup.facility_pinhole();
+        let size = DVec2::new(f64::from(setup.screen.width_px), f64::from(setup.screen.height_px));
+        let ends =
+            [DVec2::ZERO, size].map(|corner| (screen.line_of_sight(corner) - 0.5 * (low + high)).abs());
+        Self { screen, corners: [low, high], beyond: ends[0].max(ends[1]) / (0.5 * (high - low)) }
+    }
+}
+
+/// Up to this degree a mapping that cannot be inverted is the points' fault.
+const SAFE_DEGREE: u32 = 9;
+
+/// A form that was fitted, and inverted over the screen.
+struct Solved {
+    fit: Fit,
+    weights: Weights,
+    residuals: Vec<DVec2>,
+    /// Chi-square of the whitened rows over its degrees of freedom, by which the weights were divided.
+    reduced: f64,
+    inverse: InverseDistortion,
+    direct: DirectFit,
+}
+
+/// Fits a form and inverts it. `None` where the data do not determine it, `Some(None)` where it cannot be inverted over the
+/// screen.
+fn solve(
+    observations: &Observations,
+    groups: &[Vec<usize>],
+    form: ModelForm,
+    scaling: &Scaling,
+    weights: Weights,
+    field: &Field,
+    options: &CalibrateOptions,
+) -> Option<Option<Solved>> {
+    let again = [Robust::Tukey, Robust::Cut];
+    let (mut weights, _) = robust_weights(observations, groups, form, scaling, &again, weights)?;
+    let guide = guide(observations, groups, form, scaling, &weights, field.beyond)?;
+    let fit = Fit::by_qr(observations, groups, form, scaling, &weights, &guide)?;
+    let fitted = fit.predict(observations, scaling);
+    let residuals: Vec<DVec2> = observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
+    // The covariance takes the residuals' own scale: reduced chi-square of the whitened rows.
+    let reduced = reduced_chi_square(observations, &residuals, &weights, form.len());
+    for weight in &mut weights.inverse_variance {
+        *weight /= reduced;
+    }
+    for sigma in &mut weights.sigma {
+        *sigma *= reduced.sqrt();
+    }
+    weights.jitter_variance *= reduced;
+    let inverse = inverse_of(&fit, scaling, options, observations);
+    let reference = inverse.at(inverse.reference_log10_irradiance);
+    let direct = direct::fit(&reference, &field.screen, field.corners);
+    Some(direct.map(|direct| Solved { fit, weights, residuals, reduced, inverse, direct }))
+}
+
 /// Fewer exposures than this are not left out one after another; single points are.
 const FEWEST_EXPOSURES: usize = 3;
 
@@ -158,40 +226,24 @@ pub fn calibrate(
     let weights = first_weights(&observations, follow, &scaling, &rounds).ok_or_else(undetermined)?;
     let (ladder, chosen) =
         select::ladder(&observations, &groups, widest, &scaling, &weights).ok_or_else(undetermined)?;
-    let form = options.form.unwrap_or(chosen);
-    let again = [Robust::Tukey, Robust::Cut];
-    let (mut weights, _) =
-        robust_weights(&observations, &groups, form, &scaling, &again, weights).ok_or_else(undetermined)?;
-    let seen = &observations.undistorted;
-    let field = [
-        seen.iter().copied().fold(DVec2::INFINITY, DVec2::min),
-        seen.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max),
-    ];
-    let size = DVec2::new(f64::from(setup.screen.width_px), f64::from(setup.screen.height_px));
-    let screen = setup.facility_pinhole();
-    let whole = [screen.line_of_sight(DVec2::ZERO), screen.line_of_sight(size)];
-    let middle = 0.5 * (field[0] + field[1]);
-    let beyond = (whole[0] - middle).abs().max((whole[1] - middle).abs()) / (0.5 * (field[1] - field[0]));
-    let guide = guide(&observations, &groups, form, &scaling, &weights, beyond).ok_or_else(undetermined)?;
-    let fit =
-        Fit::by_qr(&observations, &groups, form, &scaling, &weights, &guide).ok_or_else(undetermined)?;
-    let fitted = fit.predict(&observations, &scaling);
-    let residuals: Vec<DVec2> = observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
-    // The covariance takes the residuals' own scale: reduced chi-square of the whitened rows.
-    let reduced = reduced_chi_square(&observations, &residuals, &weights, form.len());
-    for weight in &mut weights.inverse_variance {
-        *weight /= reduced;
-    }
-    for sigma in &mut weights.sigma {
-        *sigma *= reduced.sqrt();
-    }
-    weights.jitter_variance *= reduced;
-    let inverse = inverse_of(&fit, &scaling, options, &observations);
-    let reference = inverse.at(inverse.reference_log10_irradiance);
-    let direct = direct::fit(&reference, &screen, field).ok_or_else(|| {
-        InputError::new(&file, "the mapping found cannot be inverted over the screen")
-            .help("are the points shifted, or do they leave the screen's edges uncovered? Add some there")
-    })?;
+    let field = Field::of(&observations, setup);
+    let mut form = options.form.unwrap_or(chosen);
+    let solved = loop {
+        let solved = solve(&observations, &groups, form, &scaling, weights.clone(), &field, options)
+            .ok_or_else(undetermined)?;
+        match solved {
+            Some(solved) => break solved,
+            // The highest degrees follow the field so closely that they may fold over on the screen beyond it.
+            None if options.form.is_none() && form.degree > SAFE_DEGREE => form.degree -= 1,
+            None => {
+                let problem = "the mapping found cannot be inverted over the screen";
+                return Err(InputError::new(&file, problem).help(
+                    "are the points shifted, or do they leave the screen's edges uncovered? Add some there",
+                ));
+            }
+        }
+    };
+    let Solved { fit, weights, residuals, reduced, inverse, direct } = solved;
     let heldout =
         heldout_residuals(&observations, &groups, &fit, &scaling, &weights).ok_or_else(undetermined)?;
     let points = results(&observations, &inverse, &residuals, &heldout, &weights);
@@ -214,7 +266,7 @@ pub fn calibrate(
     Ok(GeometryCalibration {
         form,
         response: options.response.as_ref().map(|measured| measured.record.clone()),
-        warnings: warnings(&inverse, setup),
+        warnings: warnings(&inverse, setup, options.form.unwrap_or(chosen).degree, form.degree),
         coefficients: inverse.terms.iter().map(|term| term.1).collect(),
         covariance: (0..n * n).map(|at| reduced * covariance[(at / n, at % n)]).collect(),
         terms: fit.terms,
@@ -239,18 +291,25 @@ pub fn calibrate(
 /// A scale that is farther from 1 than this is more likely another camera or magnification than K_f's error.
 const LIKELY_SCALE: f64 = 0.05;
 
-/// What the mapping says of the setup.
-fn warnings(inverse: &InverseDistortion, setup: &Setup) -> Vec<String> {
-    let scale = inverse.jacobian(DVec2::ZERO, inverse.reference_log10_irradiance).determinant().abs().sqrt();
-    if (scale - 1.0).abs() <= LIKELY_SCALE {
-        return Vec::new();
+/// What the user ought to know of a mapping of degree `taken` where the points follow `wanted`.
+fn warnings(inverse: &InverseDistortion, setup: &Setup, wanted: u32, taken: u32) -> Vec<String> {
+    let mut out = Vec::new();
+    if taken < wanted {
+        out.push(format!(
+            "a mapping of degree {wanted} would follow the points better, and cannot be inverted over the whole screen: \
+             degree {taken} was taken"
+        ));
     }
-    vec![format!(
+    let scale = inverse.jacobian(DVec2::ZERO, inverse.reference_log10_irradiance).determinant().abs().sqrt();
+    if (scale - 1.0).abs() > LIKELY_SCALE {
+        out.push(format!(
         "the screen shows lines of sight at {scale:.4} times the scale of setup `{}`: K_f is {:.1} % off. Is it the setup \
          of these points (screen, observed_rows_px)? A wrong focal length or pixel pitch does not show here: K_f follows them",
         setup.name,
         100.0 * (1.0 - scale).abs()
-    )]
+    ));
+    }
+    out
 }
 
 /// Points that the first weights are found with: outliers and noise show in these as well as in more.

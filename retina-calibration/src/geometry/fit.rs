@@ -207,6 +207,8 @@ const GUIDED_DEGREE: u32 = 5;
 /// How closely a form keeps to its guide, rad: against points of some 1e-6 rad next to nothing, and enough that nothing
 /// folds over.
 const GUIDE_SIGMA_RAD: f64 = 1e-4;
+/// The guide reaches so much farther than the screen, for distortion.
+const MARGIN: f64 = 1.1;
 /// Guide points along x and y.
 const GUIDE_SIDE: usize = 21;
 
@@ -237,7 +239,7 @@ pub(crate) fn guide(
     let mut points = Vec::new();
     for i in 0..GUIDE_SIDE * GUIDE_SIDE {
         let place = [i % GUIDE_SIDE, i / GUIDE_SIDE].map(|k| 2.0 * k as f64 / (GUIDE_SIDE - 1) as f64 - 1.0);
-        let scaled = DVec2::from(place) * beyond.max(DVec2::ONE);
+        let scaled = DVec2::from(place) * MARGIN * beyond.max(DVec2::ONE);
         if scaled.abs().max_element() > 1.0 {
             let sight = scaling.sight(scaled);
             scaling.fill(sight, 0.0, &terms, &mut values);
