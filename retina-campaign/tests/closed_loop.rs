@@ -85,7 +85,8 @@ fn a_tilted_screen_is_a_keystone() {
     let depth_mm = straight.display().mm([1750.0, 600.0])[0] * 0.1f64.to_radians().sin();
     let rays = retina_bench::display_rays(&setup, 0.175).unwrap();
     let expected_px = (depth_mm * tan * rays.tangent_per_depth(tan) * 25.0 / 3.45e-3).abs();
-    assert!((mean_px.abs() / expected_px - 1.0).abs() < 0.15, "{mean_px} {expected_px}");
+    // Green alone, where the table has three colours. A chief ray moves twice as far.
+    assert!((mean_px.abs() / expected_px - 1.0).abs() < 0.25, "{mean_px} {expected_px}");
 }
 
 /// Effects that act from exposure to exposure: by hand.
