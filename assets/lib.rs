@@ -31,12 +31,13 @@ pub const WIDE_FOV_SETUP: &str = include_str!("setups/wide-fov.toml");
 pub const NARROW_FOV_SETUP: &str = include_str!("setups/narrow-fov.toml");
 
 /// JSON Schemas (2020-12) of files and documents, by name: those of input files are closed.
-pub const SCHEMAS: [(&str, &str); 31] = [
+pub const SCHEMAS: [(&str, &str); 38] = [
     ("batch", include_str!("schemas/batch.schema.json")),
     ("calibration", include_str!("schemas/calibration.schema.json")),
     ("campaign", include_str!("schemas/campaign.schema.json")),
     ("check", include_str!("schemas/check.schema.json")),
     ("compare", include_str!("schemas/compare.schema.json")),
+    ("decision", include_str!("schemas/decision.schema.json")),
     ("diagnosis", include_str!("schemas/diagnosis.schema.json")),
     ("effect", include_str!("schemas/effect.schema.json")),
     ("error", include_str!("schemas/error.schema.json")),
@@ -46,14 +47,20 @@ pub const SCHEMAS: [(&str, &str); 31] = [
     ("full-disk", include_str!("schemas/full-disk.schema.json")),
     ("geometry-calibration", include_str!("schemas/geometry-calibration.schema.json")),
     ("investigation", include_str!("schemas/investigation.schema.json")),
+    ("lab-align", include_str!("schemas/lab-align.schema.json")),
+    ("lab-camera", include_str!("schemas/lab-camera.schema.json")),
     ("lab-capture", include_str!("schemas/lab-capture.schema.json")),
     ("lab-check", include_str!("schemas/lab-check.schema.json")),
     ("lab-devices", include_str!("schemas/lab-devices.schema.json")),
     ("lab-latency", include_str!("schemas/lab-latency.schema.json")),
+    ("lab-loop", include_str!("schemas/lab-loop.schema.json")),
+    ("lab-loop-summary", include_str!("schemas/lab-loop-summary.schema.json")),
     ("lab-measure", include_str!("schemas/lab-measure.schema.json")),
     ("lab-monitor", include_str!("schemas/lab-monitor.schema.json")),
     ("lab-show", include_str!("schemas/lab-show.schema.json")),
     ("manifest", include_str!("schemas/manifest.schema.json")),
+    ("navigation-flashes", include_str!("schemas/navigation-flashes.schema.json")),
+    ("navigation-full-disk", include_str!("schemas/navigation-full-disk.schema.json")),
     ("navigation-limb", include_str!("schemas/navigation-limb.schema.json")),
     ("navigation-stars", include_str!("schemas/navigation-stars.schema.json")),
     ("optics-constraints", include_str!("schemas/optics-constraints.schema.json")),

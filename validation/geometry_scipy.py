@@ -3,9 +3,10 @@
 Makes a table of points (its own facility: Brown's distortion, coma, jitter, outliers), runs
 `retina calibrate geometry` on it, and solves eq. 15 with scipy.optimize.least_squares for the form, weights and
 outliers that retina states; exposures' common shifts enter as unknowns with a prior of the stated variance, which is
-the same estimate by another road. Exit code 1 beyond the tolerance.
+the same estimate by another road. Rings are scipy.interpolate.BSpline, with their prior as rows. --step gives the
+facility a step in its distortion, which rings follow. Exit code 1 beyond the tolerance.
 
-    python validation/geometry_scipy.py [--points 8000] [--max-relative 1e-9]
+    python validation/geometry_scipy.py [--points 8000] [--step] [--max-relative 1e-9]
 """
 
 import argparse
@@ -16,6 +17,7 @@ import subprocess
 import sys
 
 import numpy as np
+from scipy.interpolate import BSpline
 from scipy.optimize import least_squares
 from scipy.sparse import csr_matrix, hstack, vstack
 
@@ -24,9 +26,10 @@ ARCSEC = np.pi / 648000
 SETUP = ROOT / "assets/setups/wide-fov.toml"
 F_SCREEN = 1200 / (2 * (1536 * 3.45e-3 / (2 * 25.0)))  # eq. 13
 F_CAMERA = 25.0e3 / 3.45
+RING_SIGMA = 1e-3  # tangent plane, before any data
 
 
-def make_table(path, points, exposures, seed):
+def make_table(path, points, exposures, seed, step):
     """Points of a facility written here, from scratch: screen px, counts, camera px."""
     rng = np.random.default_rng(seed)
     rows = []
@@ -42,6 +45,10 @@ def make_table(path, points, exposures, seed):
         d = u - c
         r = c + d * (1 + 0.3 * (d**2).sum(1, keepdims=True))
         r = r * (1 + 10 * ARCSEC / 0.1 * ((1 + light / 3.3) ** 2)[:, None]) + jitter
+        if step:  # 14 arcsec outwards at 7 deg from the centre
+            d = r - c
+            distance = np.linalg.norm(d, axis=1, keepdims=True)
+            r = r + 7 * ARCSEC * np.tanh((distance - 0.12) / 0.02) * d / distance
         sigma = np.hypot(0.03, 0.12 * 10 ** (0.5 * (-3 - light)))
         camera = r * F_CAMERA + [1024, 768] + rng.normal(size=(each, 2)) * sigma[:, None]
         wrong = rng.random(each) < 0.02
@@ -53,14 +60,30 @@ def make_table(path, points, exposures, seed):
         writer.writerows(rows)
 
 
-def solve(design, target, weight, image, jitter):
-    """Weighted least squares with one shift an exposure, prior variance jitter^2, by scipy; and its covariance."""
+def ring_columns(r, rings):
+    """(x - c_x) B / radius and (y - c_y) B / radius for cubic B-splines B of |r - c| about 2 h, 3 h, ... radius + h."""
+    place = (r - np.array(rings["center"])) / rings["radius"]
+    n = rings["intervals"]
+    distance = np.minimum(np.linalg.norm(place, axis=1), 1.0) * n
+    columns = []
+    for knot in range(2, n + 2):
+        spline = BSpline.basis_element(np.arange(knot - 2.0, knot + 3.0), extrapolate=False)
+        value = np.nan_to_num(spline(distance))
+        columns += [place[:, 0] * value, place[:, 1] * value]
+    return np.stack(columns, 1)
+
+
+def solve(design, prior_rows, target, weight, image, jitter):
+    """Weighted least squares with one shift an exposure, prior variance jitter^2, and rows of priors on coefficients, by
+    scipy; and its covariance."""
     n, exposures = design.shape[1], image.max() + 1
     scale = np.abs(design).max(0)
     root = np.sqrt(weight)
     shift = csr_matrix((root, (np.arange(len(image)), image)), shape=(len(image), exposures))
     prior = csr_matrix(np.eye(exposures) / jitter) if jitter > 0 else None
     top = hstack([csr_matrix(design / scale * root[:, None]), shift * (1 if jitter > 0 else 0)])
+    if len(prior_rows):
+        top = vstack([top, hstack([csr_matrix(prior_rows / scale), csr_matrix((len(prior_rows), exposures))])])
     matrix = vstack([top, hstack([csr_matrix((exposures, n)), prior])]) if jitter > 0 else top
     matrix = matrix.toarray()
     right = np.concatenate([target * root, np.zeros(matrix.shape[0] - len(target))])
@@ -86,11 +109,12 @@ def main():
     parser.add_argument("--points", type=int, default=8000)
     parser.add_argument("--exposures", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--step", action="store_true")
     parser.add_argument("--max-relative", type=float, default=1e-9)
     arguments = parser.parse_args()
     out = ROOT / "out/geometry-scipy"
     out.mkdir(parents=True, exist_ok=True)
-    make_table(out / "points.csv", arguments.points, arguments.exposures, arguments.seed)
+    make_table(out / "points.csv", arguments.points, arguments.exposures, arguments.seed, arguments.step)
     command = ["cargo", "run", "--release", "--quiet", "-p", "retina-cli", "--", "calibrate", "geometry"]
     command += ["--setup", SETUP, "--data", out / "points.csv", "--out", out / "calibration.toml"]
     command += ["--residuals", out / "residuals.csv", "--json"]
@@ -106,15 +130,18 @@ def main():
     light = 2.2 * np.log10(number("digital_count") / 255)
     sigma = np.array([float(row["sigma_arcsec"]) for row in used]) * ARCSEC
     names, image = np.unique([points[i]["image"] for i in at], return_inverse=True)
-    terms = [(c["i"], c["j"], c["k"]) for c in result["coefficients"]]
+    terms = [(c["i"], c["j"], c["k"]) for c in result["coefficients"] if "i" in c]
     design = np.stack([r[:, 0] ** i * r[:, 1] ** j * light**k for i, j, k in terms], 1)
+    if result["rings"]:
+        design = np.hstack([design, ring_columns(r, result["rings"])])
+    prior_rows = np.eye(design.shape[1])[len(terms) :] / RING_SIGMA
     jitter = result["jitter_arcsec_per_axis"] * ARCSEC
     weight = 1 / sigma**2
     worst, worst_sigma = 0.0, 0.0
     stated = np.array(result["covariance"])
     predicted = 0.0
     for axis, key in enumerate("ab"):
-        coefficients, covariance = solve(design, u[:, axis], weight, image, jitter)
+        coefficients, covariance = solve(design, prior_rows, u[:, axis], weight, image, jitter)
         ours = np.array([c[key] for c in result["coefficients"]])
         # Relative to the coefficient, or to its standard deviation where that is larger: noise has no digits.
         scale = np.maximum(np.abs(coefficients), np.sqrt(np.diag(covariance)))
@@ -122,7 +149,7 @@ def main():
         predicted = max(predicted, np.abs(design @ (ours - coefficients)).max() / ARCSEC)
         ratio = np.sqrt(np.diag(stated) / np.diag(covariance))
         worst_sigma = max(worst_sigma, np.abs(ratio - 1).max())
-    print(f"{len(used)} points, {len(names)} exposures, {len(terms)} terms an axis, jitter {jitter / ARCSEC:.3f} arcsec")
+    print(f"{len(used)} points, {len(names)} exposures, {len(terms)} terms and {design.shape[1] - len(terms)} of rings an axis, jitter {jitter / ARCSEC:.3f} arcsec")
     print(f"coefficients: largest relative difference {worst:.1e}; standard deviations: {worst_sigma:.1e}")
     print(f"D^-1 over the points: largest difference {predicted:.1e} arcsec")
     report = {

@@ -183,6 +183,9 @@ pub fn check_effects(data: &Dataset, added: &[AddedEffect]) -> Result<(), InputE
     Ok(())
 }
 
+/// Names of the coefficients of an effect's second orders, after its own name and before their number.
+pub(crate) const SECOND_ORDERS: &str = ".own_";
+
 /// Levenberg-Marquardt's turns.
 const TURNS: usize = 60;
 
@@ -246,7 +249,7 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
             }
         }
         for (k, column) in own.into_iter().enumerate() {
-            put(&format!("own_{}", k + 1), column);
+            put(&format!("{}{}", &SECOND_ORDERS[1..], k + 1), column);
         }
         shape.extend(variants[best].shape.iter().map(|(n, v)| (index, format!("{}.{n}", effect.name()), *v)));
     }

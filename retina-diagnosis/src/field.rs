@@ -74,14 +74,14 @@ pub(crate) struct Field {
 impl HeldModel {
     pub(crate) fn new(calibration: &Calibration, sight: Vec<DVec2>, l: &[f64]) -> Self {
         let degree = match &calibration.inverse {
-            Some(inverse) => inverse.terms.iter().map(|(powers, _)| powers[0] + powers[1]).max(),
-            None => Some(calibration.distortion.degree()),
+            Some(inverse) => inverse.degree(),
+            None => calibration.distortion.degree(),
         };
         let held = |l: &f64| calibration.inverse.as_ref().map_or(*l, |inverse| inverse.held(*l));
         Self {
             inverse: calibration.inverse.clone(),
             covariance: calibration.covariance.clone(),
-            degree: degree.unwrap_or(1),
+            degree: degree.max(1),
             sight,
             l: l.iter().map(held).collect(),
         }
@@ -125,21 +125,20 @@ impl HeldModel {
         Field { known, modes: self.modes(lowest, self.degree.max(LOWEST_DEGREE) + DEGREES_BEYOND) }
     }
 
-    /// Errors of the coefficients as independent fields: with Phi = Q R the terms over the rows and C their covariance,
+    /// Errors of the coefficients as independent fields: with Phi = Q R their columns over the rows and C their covariance,
     /// R C R^T = U S U^T gives the fields Phi R^-1 U S^(1/2).
     fn known(&self, inverse: &InverseDistortion, covariance: &[f64]) -> Vec<Vec<f64>> {
-        let terms: Vec<[u32; 3]> = inverse.terms.iter().map(|term| term.0).collect();
-        let n = terms.len();
-        let value = |row: usize, term: &[u32; 3]| {
-            let r = self.sight[row];
-            r.x.powi(term[0] as i32) * r.y.powi(term[1] as i32) * self.l[row].powi(term[2] as i32)
+        let n = inverse.columns();
+        let values = |row: usize| {
+            let mut out = vec![0.0; n];
+            inverse.fill(self.sight[row], self.l[row], &mut out);
+            out
         };
         let stride = self.sight.len().div_ceil(SAMPLE);
         let sample: Vec<usize> = (0..self.sight.len()).step_by(stride).collect();
         let norm = (sample.len() as f64).sqrt();
-        let phi: Vec<Vec<f64>> =
-            terms.iter().map(|t| sample.iter().map(|&row| value(row, t) / norm).collect()).collect();
-        let basis = Basis::of(phi);
+        let rows: Vec<Vec<f64>> = sample.iter().map(|&row| values(row)).collect();
+        let basis = Basis::of((0..n).map(|t| rows.iter().map(|row| row[t] / norm).collect::<Vec<f64>>()));
         let r = basis.triangle_rows();
         let k = basis.q.len();
         let r = faer::Mat::<f64>::from_fn(k, n, |i, j| r[i][j]);
@@ -148,21 +147,26 @@ impl HeldModel {
         let Ok(eigen) = in_field.self_adjoint_eigen(faer::Side::Lower) else { return Vec::new() };
         let (u, s) = (eigen.U(), eigen.S().column_vector());
         let largest = (0..k).map(|i| s[i]).fold(0.0, f64::max);
-        // Weights of the terms in each field: C R^T U S^(-1/2), which needs no inverse of R.
+        // Weights of the coefficients in each field: C R^T U S^(-1/2), which needs no inverse of R.
         let weights = &c * r.transpose() * u;
         let jacobian: Vec<glam::DMat2> = (0..self.sight.len())
             .map(|row| inverse.jacobian(self.sight[row], self.l[row]).inverse() * ARCSEC_PER_RAD)
             .collect();
+        let kept: Vec<usize> = (0..k).rev().filter(|&i| s[i] > LEAST * largest).collect();
+        let of_row = |row: usize| -> Vec<f64> {
+            let values = values(row);
+            let sum = |&i: &usize| -> f64 {
+                values.iter().enumerate().map(|(t, v)| weights[(t, i)] / s[i].sqrt() * v).sum()
+            };
+            kept.iter().map(sum).collect()
+        };
+        let fields: Vec<Vec<f64>> = (0..self.sight.len()).map(of_row).collect();
         let mut out = Vec::new();
-        for i in (0..k).rev().filter(|&i| s[i] > LEAST * largest) {
-            let w: Vec<f64> = (0..n).map(|t| weights[(t, i)] / s[i].sqrt()).collect();
-            let field: Vec<f64> = (0..self.sight.len())
-                .map(|row| terms.iter().zip(&w).map(|(t, w)| w * value(row, t)).sum())
-                .collect();
+        for at in 0..kept.len() {
+            let field = fields.iter().map(|row| row[at]);
             for axis in [DVec2::X, DVec2::Y] {
-                out.push(
-                    field.iter().zip(&jacobian).flat_map(|(f, j)| (*j * (axis * *f)).to_array()).collect(),
-                );
+                let moved = field.clone().zip(&jacobian).flat_map(|(f, j)| (*j * (axis * f)).to_array());
+                out.push(moved.collect());
             }
         }
         out

@@ -107,8 +107,8 @@ fn predictions(
 /// Rows over which the model's error is taken.
 const SAMPLE: usize = 1500;
 
-/// Covariance of the polynomial's coefficients, mean of both axes: the model's prediction error over the rows, put into
-/// the polynomial by least squares. The error is that of the fitted parameters (P their covariance, B their columns:
+/// Covariance of the mapping's coefficients, mean of both axes: the model's prediction error over the rows, put into
+/// the mapping by least squares. The error is that of the fitted parameters (P their covariance, B their columns:
 /// B P B^T) and that of the calibration held fixed (its own columns F: F F^T). The data lessen the latter a little,
 /// which is not counted: the covariance is rather too large.
 fn covariance(
@@ -128,20 +128,24 @@ fn covariance(
     let independent = independent_errors(data, &base, &sigma, &fit.correlation)?;
     let errors: Vec<Vec<f64>> =
         independent.iter().flat_map(|column| [at(column, 0), at(column, 1)]).collect();
-    // Monomials about 1 at the camera's edge: the covariance's own scale is put back at the end.
+    let inverse = &result.inverse;
+    let side = inverse.columns();
+    // Columns about 1 at the camera's edge: the covariance's own scale is put back at the end.
+    let mut scale: Vec<f64> =
+        inverse.terms.iter().map(|(term, _)| data.half_tan.powi(-((term[0] + term[1]) as i32))).collect();
+    scale.resize(side, 1.0);
     let (x, y) = (data.values("x"), data.values("y"));
     let l = data.values("log10_irradiance");
-    let [low, high] = result.range_log10_irradiance;
-    let columns = result.terms.iter().map(|&[i, j, k]| {
-        let value = |row: usize| {
-            x[row].powi(i as i32) * y[row].powi(j as i32) * l[row].clamp(low, high).powi(k as i32)
-        };
-        rows.iter().map(|&row| value(row)).collect::<Vec<f64>>()
-    });
-    let basis = Basis::of(columns);
-    let side = result.terms.len();
-    let scale: Vec<f64> =
-        result.terms.iter().map(|term| data.half_tan.powi(-((term[0] + term[1]) as i32))).collect();
+    let values: Vec<Vec<f64>> = rows
+        .iter()
+        .map(|&row| {
+            let mut out = vec![0.0; side];
+            inverse.fill(DVec2::new(x[row], y[row]), inverse.held(l[row]), &mut out);
+            out
+        })
+        .collect();
+    let column = |c: usize| values.iter().map(|row| row[c] * scale[c]).collect::<Vec<f64>>();
+    let basis = Basis::of((0..side).map(column));
     let mut matrix = vec![0.0; side * side];
     for error in &errors {
         let coefficients = basis.coefficients(error);

@@ -6,6 +6,7 @@ use std::path::Path;
 use retina_files::{InputError, write_atomic};
 use retina_formats::TableKind;
 
+use crate::added::SECOND_ORDERS;
 use crate::catalogue::Effect;
 use crate::compare::{Comparison, Dependence, PERCENTILES};
 use crate::data::Dataset;
@@ -208,13 +209,15 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
     for (own, physical) in result.accepted.iter().zip(&result.physical) {
         if let Some(p) = physical {
             let digits = decimals(p.sigma);
+            let candidate = result.candidates.iter().find(|candidate| candidate.effect == *own);
             out.push(format!(
-                "{own}: {} {:.digits$} +- {:.digits$} {}; {}",
+                "{own}: {} {:.digits$} +- {:.digits$} {}; {}{}",
                 p.parameter.replace('_', " "),
                 p.value,
                 p.sigma,
                 p.unit,
-                p.remedy
+                p.remedy,
+                candidate.map_or_else(String::new, |candidate| implausible_text(&candidate.implausible))
             ));
         }
     }
@@ -279,11 +282,18 @@ pub fn fit_text(data: &Dataset, result: &Fit) -> Vec<String> {
         "{:10.4} | {:8.4} {unit}  in the fit, {} outliers left out",
         result.rms, result.rms_unweighted, result.outliers
     ));
-    for p in &result.parameters {
+    let seconds = |name: &str| name.contains(SECOND_ORDERS);
+    for p in result.parameters.iter().filter(|p| !seconds(&p.name)) {
         out.push(match p.sigma {
             Some(sigma) => format!("{:40} {:14.6} +- {:.6}", p.name, p.value, sigma),
             None => format!("{:40} {:14.6} (chosen)", p.name, p.value),
         });
+    }
+    let count = result.parameters.iter().filter(|p| seconds(&p.name)).count();
+    if count > 0 {
+        out.push(format!(
+            "and {count} second orders of these effects, with the JSON (NAME{SECOND_ORDERS}1, ...)"
+        ));
     }
     out.extend(result.notes.iter().map(|note| format!("note: {note}")));
     out

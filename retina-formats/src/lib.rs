@@ -23,9 +23,9 @@ mod setup_stamp;
 
 pub use calibration::{
     Calibration, CalibrationFile, ChannelCurve, ChannelRecord, CovarianceRecord, DataRecord,
-    DistortionRecord, FAINTEST_ERROR_MAG, InverseRecord, MagnitudeRange, MeasuredResponse,
-    RadiometricCalibration, ResponseRecord, efficiencies, measured_or_power_law, quantum_efficiency,
-    wavelengths_nm,
+    DistortionRecord, FAINTEST_ERROR_MAG, FieldRecord, InverseRecord, MagnitudeRange, MeasuredResponse,
+    RadiometricCalibration, ResponseRecord, RingsRecord, efficiencies, measured_or_power_law,
+    quantum_efficiency, wavelengths_nm,
 };
 pub use channel::{Channel, log10_irradiance};
 pub use columns::{ExtraColumn, SourceFile, csv_text};

@@ -1,5 +1,7 @@
 //! What the facility's lenses make of the display's depth, from its prescription.
 
+use crate::cubic_shares;
+
 /// Places at which dr/dz is tabulated, from the axis to the largest line of sight.
 pub const DEPTH_KNOTS: usize = 17;
 
@@ -31,15 +33,14 @@ impl DisplayRays {
         let last = DEPTH_KNOTS - 1;
         let at = (r.abs() / self.half_tan * last as f64).min(last as f64);
         let cell = (at as usize).min(last - 1);
-        let t = at - cell as f64;
         // Even in r, and straight at the end.
         let value = |k: isize| match k {
             k if k < 0 => self.tangent_per_depth[k.unsigned_abs()],
             k if k as usize > last => 2.0 * self.tangent_per_depth[last] - self.tangent_per_depth[last - 1],
             k => self.tangent_per_depth[k as usize],
         };
-        let [a, b, c, d] = [-1, 0, 1, 2].map(|k| value(cell as isize + k));
-        b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
+        let shares = cubic_shares(at - cell as f64);
+        shares.iter().zip(cell as isize - 1..).map(|(share, k)| share * value(k)).sum()
     }
 
     /// The line of sight's tangent of what a pinhole of the same focal length would show at u: the r with r h(r) = u h(0).

@@ -58,7 +58,7 @@ pub enum DistortionError {
         most: f64,
     },
     /// Newton's method found no undistorted line of sight.
-    #[error("no undistorted line of sight maps to ({x:.4}, {y:.4})")]
+    #[error("no line of sight is mapped to ({x:.4}, {y:.4})")]
     NoInverse {
         /// Line of sight x.
         x: f64,
@@ -148,24 +148,12 @@ impl Distortion {
         DMat2::from_cols(dx, dy)
     }
 
-    /// D^-1(r), to 1e-14.
+    /// D^-1(r), to rounding.
     ///
     /// # Errors
     /// No undistorted line of sight near `distorted` maps to it.
     pub fn undistort(&self, distorted: DVec2) -> Result<DVec2, DistortionError> {
-        let mut guess = distorted;
-        for _ in 0..50 {
-            let residual = self.distort(guess) - distorted;
-            if residual.length() < 1e-14 * (1.0 + distorted.length()) {
-                return Ok(guess);
-            }
-            let jacobian = self.jacobian(guess);
-            if jacobian.determinant().abs() < 1e-6 {
-                break;
-            }
-            guess -= jacobian.inverse() * residual;
-        }
-        Err(DistortionError::NoInverse { x: distorted.x, y: distorted.y })
+        newton(distorted, |guess| self.distort(guess), |guess| self.jacobian(guess))
     }
 
     /// Checks over a grid covering the image and a margin of 10 % that D keeps its orientation:
@@ -192,6 +180,35 @@ impl Distortion {
         }
         Ok(())
     }
+}
+
+/// Newton's method ends where it comes this near, tangent plane ...
+const NEAR_ENOUGH: f64 = 1e-14;
+/// ... or after its rounds within this, which is what rounding leaves of a mapping with large coefficients.
+const ROUNDING: f64 = 1e-11;
+
+/// The line of sight near `wanted` that a mapping takes there, to rounding.
+pub(crate) fn newton(
+    wanted: DVec2,
+    map: impl Fn(DVec2) -> DVec2,
+    jacobian: impl Fn(DVec2) -> DMat2,
+) -> Result<DVec2, DistortionError> {
+    let mut guess = wanted;
+    for _ in 0..50 {
+        let residual = map(guess) - wanted;
+        if residual.length() < NEAR_ENOUGH * (1.0 + wanted.length()) {
+            return Ok(guess);
+        }
+        let jacobian = jacobian(guess);
+        if jacobian.determinant().abs() < 1e-6 {
+            break;
+        }
+        guess -= jacobian.inverse() * residual;
+    }
+    if (map(guess) - wanted).length() < ROUNDING {
+        return Ok(guess);
+    }
+    Err(DistortionError::NoInverse { x: wanted.x, y: wanted.y })
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@
 pub const ARCSEC_PER_RAD: f64 = 206_264.806_247_096_36;
 
 mod bench_setup;
+mod cubic;
 mod display_rays;
 mod distortion;
 mod inverse;
@@ -25,16 +26,19 @@ mod lens_models;
 mod limb;
 mod limits;
 mod pinhole;
+mod rings;
 mod setup;
 mod warp;
 
 pub use bench_setup::{NoiseSetup, OpticsSetup};
+pub use cubic::cubic_shares;
 pub use display_rays::{DEPTH_KNOTS, DisplayRays};
 pub use distortion::{Distortion, DistortionError, MAX_DEGREE, term_count};
-pub use inverse::{InverseDistortion, InverseTerm};
+pub use inverse::{CalibratedField, InverseDistortion, InverseTerm, RingField};
 pub use lens_models::{Lens, LensImage, LensModel, MOST_COEFFICIENTS, OutOfDomain};
 pub use limb::{LimbEllipse, limb_ellipse};
 pub use limits::ScreenLimits;
 pub use pinhole::Pinhole;
+pub use rings::Rings;
 pub use setup::{CameraSetup, FacilitySetup, Intrinsics, ResponseSetup, ScreenSetup, Setup};
 pub use warp::{WarpDirection, WarpMap};

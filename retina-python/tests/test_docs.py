@@ -31,7 +31,7 @@ def test_the_guide_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_the_docstrings_examples_run() -> None:
-    from retina import _workbench
+    from retina import _effects
 
-    done = doctest.testmod(_workbench, extraglobs={"np": np})
+    done = doctest.testmod(_effects, extraglobs={"np": np})
     assert done.attempted > 0 and done.failed == 0

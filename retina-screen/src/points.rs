@@ -144,6 +144,8 @@ mod tests {
     fn a_point_is_placed_by_its_own_irradiance_within_the_calibrated_range() {
         // x gains 0.001 L; one pixel of the wide configuration is 1 / 5661.2, so 5.6612 px a decade.
         let inverse = InverseDistortion {
+            rings: None,
+            field: None,
             terms: vec![([1, 0, 0], DVec2::X), ([0, 1, 0], DVec2::Y), ([0, 0, 1], DVec2::new(1e-3, 0.0))],
             reference_log10_irradiance: 0.0,
             range_log10_irradiance: [-2.0, 0.0],

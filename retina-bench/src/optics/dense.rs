@@ -48,9 +48,8 @@ fn smooth_size(least: usize) -> usize {
 impl Dense {
     pub(super) fn new(kernels: &Kernels, size_px: [usize; 2]) -> Self {
         let nodes = kernels.nodes();
-        let spacing = |k: usize| size_px[k] as f64 / (nodes[k] - 1) as f64;
         let margin = kernels.half_px() + 3;
-        let widest = spacing(0).max(spacing(1)).ceil() as usize;
+        let widest = kernels.spacing_px().max_element().ceil() as usize;
         // The light of two cells, the margin of an outer node, and the kernel's reach on both sides.
         let tile = smooth_size(2 * widest + margin + 2 * kernels.half_px() + 4);
         let mut real = RealFftPlanner::new();
@@ -203,8 +202,8 @@ impl Dense {
         let margin = self.margin as f64;
         // Pixels of the wide grid that the node serves, and its share at each.
         let along = |k: usize| {
-            let spacing = self.size_px[k] as f64 / (nodes[k] - 1) as f64;
-            let middle = at[k] as f64 * spacing + margin;
+            let (spacing, start) = (kernels.spacing_px()[k], kernels.origin_px()[k] + margin);
+            let middle = at[k] as f64 * spacing + start;
             let first = if at[k] == 0 { 0.0 } else { (middle - spacing - 1.0).floor().max(0.0) } as usize;
             let last = if at[k] + 1 == nodes[k] {
                 wide[k]
@@ -213,8 +212,9 @@ impl Dense {
             };
             let shares: Vec<f32> = (first..last)
                 .map(|pixel| {
-                    // Beyond the sensor the outermost nodes serve alone.
-                    let place = (pixel as f64 + 0.5).clamp(margin, wide[k] as f64 - margin);
+                    // Beyond all nodes the outermost ones serve alone.
+                    let end = start + (nodes[k] - 1) as f64 * spacing;
+                    let place = (pixel as f64 + 0.5).clamp(start, end);
                     (1.0 - (place - middle).abs() / spacing).max(0.0) as f32
                 })
                 .collect();

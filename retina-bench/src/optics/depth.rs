@@ -3,16 +3,13 @@
 use glam::{DMat2, DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 use retina_geometry::{DEPTH_KNOTS, DisplayRays, Setup};
-use retina_optics::pupil::{PupilPoint, gaussian};
+use retina_optics::pupil::PupilPoint;
 use retina_optics::{Clipping, Launcher, OpticsError, RayBatch, Tracer};
 
 use super::facility_system;
-use super::windowed::{Sampling, windowed_mean};
+use super::windowed::{Sampling, pupil_points, windowed_mean};
 use crate::{BenchError, Display};
 
-/// Rays over the pupil.
-const RINGS: usize = 7;
-const ARMS: usize = 16;
 /// Half the depth over which the response is taken, mm: that of the edge of a display tilted by a tenth of a degree.
 /// (Cores do not move in proportion to the depth.)
 const DEPTH_MM: f64 = 0.02;
@@ -36,7 +33,7 @@ pub fn display_rays(setup: &Setup, half_tan: f64) -> Result<DisplayRays, BenchEr
         pupil_radius_mm: launcher.ray([0.0; 2], [1.0, 0.0])?.position_mm.x,
         launcher,
         fans,
-        pupil: gaussian(RINGS, ARMS, 0.0),
+        pupil: pupil_points(),
         focal_px: setup.camera_pinhole().fx_px,
         display: Display::new(setup, 0),
     };

@@ -6,6 +6,7 @@ use retina_optics::facility::{
     Chebyshev2, Imaging, Kernel, KernelFrame, KernelGrid, SpectralLine, TILT, WAVEFRONT_TERMS, tangents,
 };
 
+use super::place::POINTING;
 use super::windowed::Sampling;
 use super::{CameraPose, FUNCTIONS, OpticsDetail, PointImage, added, middle_line};
 use crate::{BenchError, Display, Imperfections};
@@ -23,7 +24,9 @@ pub(super) struct Phases {
 /// Kernels of the three channels at nodes that cover the sensor.
 pub(super) struct Kernels {
     nodes: [usize; 2],
-    size_px: [usize; 2],
+    /// Where the first node is on the sensor, and how far the last one is from it, px.
+    origin_px: DVec2,
+    span_px: DVec2,
     half_px: usize,
     /// Index: (row of nodes * columns + column) * 3 + channel.
     phases: Vec<Phases>,
@@ -119,12 +122,10 @@ impl Kernels {
         let pixel_fill = shapes.wrong.pixel_fill;
         let fill = if pixel_fill > 0.0 { pixel_fill } else { 1.0 };
         let count = detail.nodes[0] * detail.nodes[1];
+        let (origin_px, span_px) = covering(camera, size_px);
         let at_node = |node: usize| {
-            let at = [node % detail.nodes[0], node / detail.nodes[0]];
-            DVec2::new(
-                at[0] as f64 / (detail.nodes[0] - 1) as f64 * size_px[0] as f64,
-                at[1] as f64 / (detail.nodes[1] - 1) as f64 * size_px[1] as f64,
-            )
+            let at = [0, 1].map(|k| [node % detail.nodes[0], node / detail.nodes[0]][k] as f64);
+            origin_px + DVec2::from_array([0, 1].map(|k| at[k] / (detail.nodes[k] - 1) as f64)) * span_px
         };
         let made: Vec<(Phases, f64)> = (0..3 * count)
             .into_par_iter()
@@ -147,7 +148,7 @@ impl Kernels {
         for r in (0..tail.len() - 1).rev() {
             tail[r] = tail[r].max(tail[r + 1]);
         }
-        Ok(Self { nodes: detail.nodes, size_px, half_px: detail.half_px, phases, tail, beyond })
+        Ok(Self { nodes: detail.nodes, origin_px, span_px, half_px: detail.half_px, phases, tail, beyond })
     }
 
     /// Samples of a phase plane along each axis.
@@ -167,19 +168,30 @@ impl Kernels {
         self.nodes
     }
 
+    /// Where the first node is on the sensor, px.
+    pub(super) fn origin_px(&self) -> DVec2 {
+        self.origin_px
+    }
+
+    /// From node to node, px.
+    pub(super) fn spacing_px(&self) -> DVec2 {
+        self.span_px / DVec2::from_array(self.nodes.map(|nodes| (nodes - 1) as f64))
+    }
+
     pub(super) fn phases(&self, node: usize, channel: usize) -> &Phases {
         &self.phases[3 * node + channel]
     }
 
-    /// Bilinear shares of the nodes about a place on the sensor; places off it take its edge.
+    /// Bilinear shares of the nodes about a place on the sensor; places off them take their edge.
     pub(super) fn blend(&self, at_px: DVec2) -> Blend {
-        let along = |value: f64, size: usize, nodes: usize| {
-            let at = (value / size as f64).clamp(0.0, 1.0) * (nodes - 1) as f64;
+        let within = ((at_px - self.origin_px) / self.span_px).clamp(DVec2::ZERO, DVec2::ONE);
+        let along = |share: f64, nodes: usize| {
+            let at = share * (nodes - 1) as f64;
             let cell = (at as usize).min(nodes - 2);
             (cell, (at - cell as f64) as f32)
         };
-        let (x, fx) = along(at_px.x, self.size_px[0], self.nodes[0]);
-        let (y, fy) = along(at_px.y, self.size_px[1], self.nodes[1]);
+        let (x, fx) = along(within.x, self.nodes[0]);
+        let (y, fy) = along(within.y, self.nodes[1]);
         let first = y * self.nodes[0] + x;
         let below = first + self.nodes[0];
         [
@@ -189,6 +201,16 @@ impl Kernels {
             (below + 1, fx * fy),
         ]
     }
+}
+
+/// The first node and the extent of all: they cover the sensor, and move with the facility's axis where the camera points a
+/// little aside. What blending between nodes leaves then stays where it is in the facility, and does not look like the
+/// pointing's work.
+fn covering(camera: &CameraPose, size_px: [usize; 2]) -> (DVec2, DVec2) {
+    let size = DVec2::from_array(size_px.map(|size| size as f64));
+    let margin = POINTING / 2.0 * size;
+    let moved = camera.pixel([0.0; 2]) - DVec2::new(camera.pinhole.cx_px, camera.pinhole.cy_px);
+    (moved.clamp(-margin, margin) - margin, size + 2.0 * margin)
 }
 
 /// The point of the display (mm) whose light lands at a pixel, and d(pixel) / d(mm): rows x, y. By Newton's

@@ -7,6 +7,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec2;
 use rayon::prelude::*;
+use retina_geometry::cubic_shares;
 use retina_optics::facility::{Wavefront, tangents};
 use retina_optics::pupil::{PupilPoint, gaussian};
 
@@ -69,6 +70,11 @@ pub(super) fn windowed_mean(rays: &[RayPlace], blur_px: f64) -> [f64; 2] {
     at
 }
 
+/// The rays of a spot.
+pub(super) fn pupil_points() -> Vec<PupilPoint> {
+    gaussian(RINGS, ARMS, 0.0)
+}
+
 /// How a camera samples spots.
 #[derive(Debug, Clone)]
 pub(super) struct Sampling {
@@ -79,7 +85,7 @@ pub(super) struct Sampling {
 
 impl Sampling {
     pub(super) fn new(focal_px: f64) -> Self {
-        Self { focal_px, pupil: gaussian(RINGS, ARMS, 0.0) }
+        Self { focal_px, pupil: pupil_points() }
     }
 
     /// Standard deviation of what spreads a ray, px: the pixel's box, and the diffraction of a clear pupil.
@@ -128,7 +134,7 @@ impl Offsets {
             let last = PLACES[k] - 1;
             let at = (at_mm[k] / self.half_screen_mm[k] + 1.0) / 2.0 * last as f64;
             let cell = (at.max(0.0) as usize).min(last - 1);
-            (cell, cubic(at - cell as f64), last)
+            (cell, cubic_shares(at - cell as f64), last)
         });
         let mut sum = DVec2::ZERO;
         for (j, wy) in y.1.into_iter().enumerate() {
@@ -147,17 +153,6 @@ impl Offsets {
         let edge = value(i, j);
         edge + (edge - value(i - di, j)) + (edge - value(i, j - dj))
     }
-}
-
-/// Shares of the values before, at, after and two after a place, t in 0 to 1 between the middle ones.
-fn cubic(t: f64) -> [f64; 4] {
-    let (t2, t3) = (t * t, t * t * t);
-    [
-        0.5 * (-t + 2.0 * t2 - t3),
-        0.5 * (2.0 - 5.0 * t2 + 3.0 * t3),
-        0.5 * (t + 4.0 * t2 - 3.0 * t3),
-        0.5 * (t3 - t2),
-    ]
 }
 
 #[cfg(test)]

@@ -5,14 +5,14 @@ use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use retina_files::InputError;
 use retina_formats::{MeasuredResponse, PointsTable, ResponseRecord, measured_or_power_law};
-use retina_geometry::{InverseDistortion, Pinhole, Setup};
+use retina_geometry::{CalibratedField, InverseDistortion, RingField, Setup};
 use retina_radiometry::magnitude_of_irradiance;
 
 use super::checks::check;
 use super::direct::{self, DirectFit};
 use super::errors::{ErrorSummary, angle_arcsec};
-use super::fit::{Fit, Gram, grams, guide, predict, robust_weights};
-use super::form::{ModelForm, Scaling, Term};
+use super::fit::{Fit, Gram, grams, predict, robust_weights};
+use super::form::{Domain, ModelForm, Scaling};
 use super::noise::{Robust, Weights};
 use super::observations::Observations;
 use super::physical::PhysicalFit;
@@ -40,19 +40,13 @@ pub struct GeometryCalibration {
     pub warnings: Vec<String>,
     /// The form of D^-1.
     pub form: ModelForm,
-    /// Terms of D^-1: powers of x, y, L.
-    pub terms: Vec<Term>,
-    /// Coefficients of the terms for x and y (gamma of the paper).
-    pub coefficients: Vec<DVec2>,
-    /// Covariance of the coefficients of one axis, row by row; those of the other axis have the same, and the two are
-    /// independent.
+    /// D^-1 with the coefficients of its terms (gamma of the paper) and rings, the range of L, and the L at which D is given.
+    pub inverse: InverseDistortion,
+    /// Covariance of the coefficients of one axis (terms, then rings), row by row; those of the other axis have the same,
+    /// and the two are independent.
     pub covariance: Vec<f64>,
-    /// L at which D is given.
-    pub reference_log10_irradiance: f64,
     /// Magnitude of a white pixel at full count, L = 0.
     pub brightest_magnitude: f64,
-    /// Lowest and highest L of the points.
-    pub range_log10_irradiance: [f64; 2],
     /// D at the reference.
     pub direct: DirectFit,
     /// The physical model beside it.
@@ -118,74 +112,6 @@ fn check_reference(
         .expected(format!("{low:.3} to {high:.3}, the points'")))
 }
 
-/// The screen, and the part of it that points were measured on.
-struct Field {
-    screen: Pinhole,
-    /// Rectangle of the points' undistorted lines of sight, low and high corner.
-    corners: [DVec2; 2],
-    /// How many times as far from its middle the screen reaches, along x and y.
-    beyond: DVec2,
-}
-
-impl Field {
-    fn of(observations: &Observations, setup: &Setup) -> Self {
-        let seen = &observations.undistorted;
-        let low = seen.iter().copied().fold(DVec2::INFINITY, DVec2::min);
-        let high = seen.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
-        let screen = setup.facility_pinhole();
-        let size = DVec2::new(f64::from(setup.screen.width_px), f64::from(setup.screen.height_px));
-        let ends =
-            [DVec2::ZERO, size].map(|corner| (screen.line_of_sight(corner) - 0.5 * (low + high)).abs());
-        Self { screen, corners: [low, high], beyond: ends[0].max(ends[1]) / (0.5 * (high - low)) }
-    }
-}
-
-/// Up to this degree a mapping that cannot be inverted is the points' fault.
-const SAFE_DEGREE: u32 = 9;
-
-/// A form that was fitted, and inverted over the screen.
-struct Solved {
-    fit: Fit,
-    weights: Weights,
-    residuals: Vec<DVec2>,
-    /// Chi-square of the whitened rows over its degrees of freedom, by which the weights were divided.
-    reduced: f64,
-    inverse: InverseDistortion,
-    direct: DirectFit,
-}
-
-/// Fits a form and inverts it. `None` where the data do not determine it, `Some(None)` where it cannot be inverted over the
-/// screen.
-fn solve(
-    observations: &Observations,
-    groups: &[Vec<usize>],
-    form: ModelForm,
-    scaling: &Scaling,
-    weights: Weights,
-    field: &Field,
-    options: &CalibrateOptions,
-) -> Option<Option<Solved>> {
-    let again = [Robust::Tukey, Robust::Cut];
-    let (mut weights, _) = robust_weights(observations, groups, form, scaling, &again, weights)?;
-    let guide = guide(observations, groups, form, scaling, &weights, field.beyond)?;
-    let fit = Fit::by_qr(observations, groups, form, scaling, &weights, &guide)?;
-    let fitted = fit.predict(observations, scaling);
-    let residuals: Vec<DVec2> = observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
-    // The covariance takes the residuals' own scale: reduced chi-square of the whitened rows.
-    let reduced = reduced_chi_square(observations, &residuals, &weights, form.len());
-    for weight in &mut weights.inverse_variance {
-        *weight /= reduced;
-    }
-    for sigma in &mut weights.sigma {
-        *sigma *= reduced.sqrt();
-    }
-    weights.jitter_variance *= reduced;
-    let inverse = inverse_of(&fit, scaling, options, observations);
-    let reference = inverse.at(inverse.reference_log10_irradiance);
-    let direct = direct::fit(&reference, &field.screen, field.corners);
-    Some(direct.map(|direct| Solved { fit, weights, residuals, reduced, inverse, direct }))
-}
-
 /// Fewer exposures than this are not left out one after another; single points are.
 const FEWEST_EXPOSURES: usize = 3;
 
@@ -217,35 +143,32 @@ pub fn calibrate(
     let groups = select::folds(observations.exposures.len());
     let scaling = Scaling::of(observations.sight.iter().copied().zip(observations.l.iter().copied()));
     let widest = select::widest(&observations, options.plain);
-    let follow = ModelForm {
-        degree: widest.degree.min(5),
-        irradiance_degree: widest.irradiance_degree.min(widest.degree.min(5)),
-        irradiance_power: widest.irradiance_power.min(2),
-    };
-    let rounds = [Robust::Huber, Robust::Huber, Robust::Huber, Robust::Tukey, Robust::Tukey, Robust::Cut];
-    let weights = first_weights(&observations, follow, &scaling, &rounds).ok_or_else(undetermined)?;
+    let (weights, domain) = first_weights(&observations, scaling, widest).ok_or_else(undetermined)?;
     let (ladder, chosen) =
-        select::ladder(&observations, &groups, widest, &scaling, &weights).ok_or_else(undetermined)?;
-    let field = Field::of(&observations, setup);
-    let mut form = options.form.unwrap_or(chosen);
-    let solved = loop {
-        let solved = solve(&observations, &groups, form, &scaling, weights.clone(), &field, options)
-            .ok_or_else(undetermined)?;
-        match solved {
-            Some(solved) => break solved,
-            // The highest degrees follow the field so closely that they may fold over on the screen beyond it.
-            None if options.form.is_none() && form.degree > SAFE_DEGREE => form.degree -= 1,
-            None => {
-                let problem = "the mapping found cannot be inverted over the screen";
-                return Err(InputError::new(&file, problem).help(
-                    "are the points shifted, or do they leave the screen's edges uncovered? Add some there",
-                ));
-            }
-        }
-    };
-    let Solved { fit, weights, residuals, reduced, inverse, direct } = solved;
-    let heldout =
-        heldout_residuals(&observations, &groups, &fit, &scaling, &weights).ok_or_else(undetermined)?;
+        select::ladder(&observations, &groups, widest, &domain, &weights).ok_or_else(undetermined)?;
+    let form = options.form.unwrap_or(chosen);
+    let basis = domain.basis(form);
+    let again = [Robust::Tukey, Robust::Cut];
+    let (mut weights, _) =
+        robust_weights(&observations, &groups, &basis, &again, weights).ok_or_else(undetermined)?;
+    let fit = Fit::by_qr(&observations, &groups, &basis, &weights).ok_or_else(undetermined)?;
+    let fitted = fit.predict(&observations);
+    let residuals: Vec<DVec2> = observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
+    // The covariance takes the residuals' own scale: reduced chi-square of the whitened rows.
+    let reduced = reduced_chi_square(&observations, &residuals, &weights, form.len());
+    for weight in &mut weights.inverse_variance {
+        *weight /= reduced;
+    }
+    for sigma in &mut weights.sigma {
+        *sigma *= reduced.sqrt();
+    }
+    weights.jitter_variance *= reduced;
+    let inverse = inverse_of(&fit, options, &observations, &weights);
+    let direct = direct::fit(&inverse, &setup.facility_pinhole()).ok_or_else(|| {
+        InputError::new(&file, "the mapping found cannot be inverted over the screen")
+            .help("are the points shifted, or do they leave the screen's edges uncovered? Add some there")
+    })?;
+    let heldout = heldout_residuals(&observations, &groups, &fit, &weights).ok_or_else(undetermined)?;
     let points = results(&observations, &inverse, &residuals, &heldout, &weights);
     let used = |of: fn(&PointResult) -> f64| {
         ErrorSummary::of(points.iter().filter(|p| !p.outlier).map(of).collect())
@@ -258,21 +181,17 @@ pub fn calibrate(
                 + inverse.undistort(r, reference)
         })
         .collect();
-    let n = fit.terms.len();
-    let change = scaling.monomials_from_basis(&fit.terms);
-    let matrix = faer::Mat::<f64>::from_fn(n, n, |i, j| change[i * n + j]);
+    let n = basis.len();
+    let matrix = basis.to_monomials();
     let covariance = &matrix * &fit.covariance * matrix.transpose();
     let physical = PhysicalFit::fit(&observations, &steady, &weights);
     Ok(GeometryCalibration {
         form,
         response: options.response.as_ref().map(|measured| measured.record.clone()),
-        warnings: warnings(&inverse, setup, options.form.unwrap_or(chosen).degree, form.degree),
-        coefficients: inverse.terms.iter().map(|term| term.1).collect(),
+        warnings: warnings(&inverse, setup),
         covariance: (0..n * n).map(|at| reduced * covariance[(at / n, at % n)]).collect(),
-        terms: fit.terms,
-        reference_log10_irradiance: reference,
         brightest_magnitude: magnitude_of_irradiance(response.brightest_w_m2_nm()),
-        range_log10_irradiance: inverse.range_log10_irradiance,
+        inverse,
         physical,
         direct,
         ladder,
@@ -291,15 +210,9 @@ pub fn calibrate(
 /// A scale that is farther from 1 than this is more likely another camera or magnification than K_f's error.
 const LIKELY_SCALE: f64 = 0.05;
 
-/// What the user ought to know of a mapping of degree `taken` where the points follow `wanted`.
-fn warnings(inverse: &InverseDistortion, setup: &Setup, wanted: u32, taken: u32) -> Vec<String> {
+/// What the user ought to know of a mapping.
+fn warnings(inverse: &InverseDistortion, setup: &Setup) -> Vec<String> {
     let mut out = Vec::new();
-    if taken < wanted {
-        out.push(format!(
-            "a mapping of degree {wanted} would follow the points better, and cannot be inverted over the whole screen: \
-             degree {taken} was taken"
-        ));
-    }
     let scale = inverse.jacobian(DVec2::ZERO, inverse.reference_log10_irradiance).determinant().abs().sqrt();
     if (scale - 1.0).abs() > LIKELY_SCALE {
         out.push(format!(
@@ -314,28 +227,55 @@ fn warnings(inverse: &InverseDistortion, setup: &Setup, wanted: u32, taken: u32)
 
 /// Points that the first weights are found with: outliers and noise show in these as well as in more.
 const SAMPLE: usize = 12_000;
+/// A form of this degree follows the points well enough to tell outliers and the distortion's centre.
+const FOLLOWING_DEGREE: u32 = 5;
+/// Rings reach so much farther than the points: their slope ends at the last knot, which is to lie outside of the field.
+const RINGS_REACH: f64 = 1.02;
+/// Rings' centre is to be known to this part of their reach.
+const CENTRE_KNOWN: f64 = 0.01;
 
-/// Weights of all points from a robust fit to a sample of them.
+/// Weights of all points from robust fits to a sample of them, and where rings may be. A step in the distortion that no
+/// polynomial follows would look like outliers: rings belong to the fit as soon as their centre is known.
 fn first_weights(
     observations: &Observations,
-    form: ModelForm,
-    scaling: &Scaling,
-    rounds: &[Robust],
-) -> Option<Weights> {
+    scaling: Scaling,
+    widest: ModelForm,
+) -> Option<(Weights, Domain)> {
     let sample = observations.sample(observations.len().div_ceil(SAMPLE));
     let groups = select::folds(sample.exposures.len());
+    let degree = widest.degree.min(FOLLOWING_DEGREE);
+    let mut form = ModelForm {
+        degree,
+        irradiance_degree: widest.irradiance_degree.min(degree),
+        irradiance_power: widest.irradiance_power.min(2),
+        rings: 0,
+    };
+    let mut domain = Domain { scaling, rings: None };
+    let rounds = [Robust::Huber, Robust::Huber, Robust::Huber, Robust::Tukey, Robust::Tukey, Robust::Cut];
     let start = Weights::equal(sample.len());
-    let (weights, coefficients) = robust_weights(&sample, &groups, form, scaling, rounds, start)?;
-    if sample.len() == observations.len() {
-        return Some(weights);
+    let (mut weights, mut coefficients) =
+        robust_weights(&sample, &groups, &domain.basis(form), &rounds, start)?;
+    domain.rings = PhysicalFit::fit(&sample, &sample.undistorted, &weights).and_then(|physical| {
+        let reach = |r: &DVec2| (*r - physical.center).length();
+        let radius = RINGS_REACH * observations.sight.iter().map(reach).fold(0.0, f64::max);
+        (physical.center_sigma.max_element() < CENTRE_KNOWN * radius).then_some((physical.center, radius))
+    });
+    let ringed = ModelForm { rings: select::RINGS, ..form };
+    if domain.rings.is_some() && select::bears(&sample, &ringed) {
+        form = ringed;
+        let again = [Robust::Huber, Robust::Tukey, Robust::Cut];
+        (weights, coefficients) = robust_weights(&sample, &groups, &domain.basis(form), &again, weights)?;
     }
-    let fitted = predict(observations, scaling, &form.terms(), &coefficients);
+    if sample.len() == observations.len() {
+        return Some((weights, domain));
+    }
+    let fitted = predict(observations, &domain.basis(form), &coefficients);
     let residuals: Vec<DVec2> = observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
     let mut all = Weights::crude(&residuals);
     for _ in 0..2 {
         all.update(observations, &residuals, form.len(), form.irradiance_power as usize, Robust::Cut);
     }
-    Some(all)
+    Some((all, domain))
 }
 
 /// Squares of the whitened residuals over their degrees of freedom.
@@ -361,24 +301,28 @@ fn reduced_chi_square(
     squares / (2.0 * (count as f64 - columns as f64).max(1.0))
 }
 
-/// D^-1 in monomials, with its reference and range.
+/// D^-1 in monomials and rings, with its reference and range.
 fn inverse_of(
     fit: &Fit,
-    scaling: &Scaling,
     options: &CalibrateOptions,
     observations: &Observations,
+    weights: &Weights,
 ) -> InverseDistortion {
-    let n = fit.terms.len();
-    let change = scaling.monomials_from_basis(&fit.terms);
-    let terms =
-        fit.terms.iter().enumerate().map(|(row, term)| {
-            (*term, (0..n).map(|c| fit.coefficients[c] * change[row * n + c]).sum::<DVec2>())
-        });
+    let basis = &fit.basis;
+    let change = basis.to_monomials();
+    let coefficient =
+        |row: usize| (0..basis.len()).map(|c| fit.coefficients[c] * change[(row, c)]).sum::<DVec2>();
     let mut l = observations.l.clone();
     l.sort_by(f64::total_cmp);
     let range = [l[0], l[l.len() - 1]];
+    let fitted = (0..observations.len()).filter(|&i| !weights.outlier[i]);
     InverseDistortion {
-        terms: terms.collect(),
+        terms: basis.terms.iter().enumerate().map(|(row, term)| (*term, coefficient(row))).collect(),
+        rings: basis.rings.map(|rings| RingField {
+            rings,
+            coefficients: (basis.terms.len()..basis.len()).map(coefficient).collect(),
+        }),
+        field: CalibratedField::of(fitted.map(|i| observations.sight[i])),
         reference_log10_irradiance: options.reference_log10_irradiance.unwrap_or(l[l.len() / 2]),
         range_log10_irradiance: range,
     }
@@ -389,22 +333,21 @@ fn heldout_residuals(
     observations: &Observations,
     groups: &[Vec<usize>],
     fit: &Fit,
-    scaling: &Scaling,
     weights: &Weights,
 ) -> Option<Vec<DVec2>> {
-    let all: Vec<usize> = (0..fit.terms.len()).collect();
+    let all: Vec<usize> = (0..fit.basis.len()).collect();
     // The fit's own residuals are what is fitted: the normal equations then lose no digits.
-    let fitted = predict(observations, scaling, &fit.terms, &fit.coefficients);
+    let fitted = fit.predict(observations);
     let target: Vec<DVec2> = observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
-    let folds = grams(observations, groups, &fit.terms, scaling, &target, weights);
+    let folds = grams(observations, groups, &fit.basis, &target, weights);
     let total = Gram::sum(folds.iter())?;
     let mut out = target.clone();
     let mut values = vec![0.0; all.len()];
     for (group, fold) in groups.iter().zip(&folds) {
-        let change = total.without(fold).solve(&all)?;
+        let change = total.without(fold).solve(&fit.basis, &all)?;
         for &exposure in group {
             for i in observations.exposures[exposure].1.clone() {
-                scaling.fill(observations.sight[i], observations.l[i], &fit.terms, &mut values);
+                fit.basis.fill(observations.sight[i], observations.l[i], &mut values);
                 out[i] -= values.iter().zip(&change).map(|(value, c)| *c * *value).sum::<DVec2>();
             }
         }

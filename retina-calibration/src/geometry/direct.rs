@@ -3,7 +3,7 @@
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq as _;
 use glam::DVec2;
-use retina_geometry::{Distortion, MAX_DEGREE, Pinhole};
+use retina_geometry::{CalibratedField, Distortion, InverseDistortion, MAX_DEGREE, Pinhole};
 
 use super::form::{ModelForm, Scaling, Term};
 
@@ -14,8 +14,10 @@ pub struct DirectFit {
     pub terms: Vec<(u32, u32, f64, f64)>,
     /// Its degree.
     pub degree: u32,
-    /// Largest angle between D^-1(D(r_u)) and r_u over the calibrated field, arcsec.
+    /// Largest angle between D(D^-1(r)) and r over the calibrated field, arcsec.
     pub worst_arcsec: f64,
+    /// Root of the mean square of that angle, arcsec.
+    pub rms_arcsec: f64,
 }
 
 /// D and D^-1 are inverse to each other to this, arcsec.
@@ -23,20 +25,26 @@ const WANTED_ARCSEC: f64 = 0.01;
 
 /// Weights of places beyond the field, where D^-1 is extrapolated: D is to keep its orientation there, no more. The
 /// heavier ones are for where it does not.
-const BEYOND_WEIGHTS: [f64; 3] = [1e-4, 1e-3, 1e-2];
+const BEYOND_WEIGHTS: [f64; 4] = [1e-4, 1e-3, 1e-2, 0.1];
 
-/// Fits D of the lowest degree that undoes `inverse` (D^-1 at one irradiance) over the `field` (the rectangle of the
-/// calibrated undistorted lines of sight, low and high corner) to 0.01 arcsec, or else the best there is; `None` where
-/// D^-1 cannot be inverted somewhere on the screen, or every D folds over there.
-pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole, field: [DVec2; 2]) -> Option<DirectFit> {
+/// Fits D of the lowest degree that undoes `inverse` (D^-1, at its reference irradiance) over its field to 0.01 arcsec, or else the best there is: rings are
+/// followed as far as polynomials do. `None` where D^-1 cannot be inverted somewhere on the screen, or every D folds over
+/// there.
+pub(crate) fn fit(inverse: &InverseDistortion, screen: &Pinhole) -> Option<DirectFit> {
+    let field = inverse.field?;
+    let reference = inverse.reference_log10_irradiance;
     let size = DVec2::new(f64::from(screen.width_px), f64::from(screen.height_px));
     let whole = [screen.line_of_sight(DVec2::ZERO), screen.line_of_sight(size)];
-    let within = |at: &DVec2| at.cmpge(field[0]).all() && at.cmple(field[1]).all();
-    let mut undistorted: Vec<DVec2> = chebyshev(whole).filter(|at| !within(at)).collect();
-    let beyond = undistorted.len();
-    undistorted.extend(chebyshev(field));
-    let sights: Vec<DVec2> =
-        undistorted.iter().map(|at| inverse.undistort(*at)).collect::<Result<_, _>>().ok()?;
+    let within = |at: &DVec2| field.held(*at) == *at;
+    let mut undistorted: Vec<DVec2> = chebyshev(whole).collect();
+    let mut sights: Vec<DVec2> =
+        undistorted.iter().map(|at| inverse.distort(*at, reference)).collect::<Result<_, _>>().ok()?;
+    let mut seen = sights.iter().map(within);
+    undistorted.retain(|_| !seen.next().unwrap_or(false));
+    sights.retain(|sight| !within(sight));
+    let beyond = sights.len();
+    sights.extend(chebyshev([field.low, field.high]).filter(within));
+    undistorted.extend(sights[beyond..].iter().map(|sight| inverse.undistort(*sight, reference)));
     let scaling = Scaling::of(undistorted.iter().map(|u| (*u, 0.0)));
     let mut best: Option<DirectFit> = None;
     for degree in inverse.degree().max(3)..=MAX_DEGREE {
@@ -48,9 +56,9 @@ pub(crate) fn fit(inverse: &Distortion, screen: &Pinhole, field: [DVec2; 2]) -> 
             if direct.check_over(screen).is_err() {
                 continue;
             }
-            let worst_arcsec = worst(&direct, inverse, field);
+            let (worst_arcsec, rms_arcsec) = errors(&direct, inverse, &field);
             if best.as_ref().is_none_or(|best| worst_arcsec < best.worst_arcsec) {
-                best = Some(DirectFit { terms: rows, degree, worst_arcsec });
+                best = Some(DirectFit { terms: rows, degree, worst_arcsec, rms_arcsec });
             }
             break;
         }
@@ -93,17 +101,24 @@ fn chebyshev([low, high]: [DVec2; 2]) -> impl Iterator<Item = DVec2> {
     (0..SIDE * SIDE).map(move |i| low + DVec2::new(place(i % SIDE), place(i / SIDE)) * (high - low))
 }
 
-/// Largest angle between D^-1(D(r_u)) and r_u on a regular grid over the field, its border included, arcsec.
-fn worst(direct: &Distortion, inverse: &Distortion, [low, high]: [DVec2; 2]) -> f64 {
+/// Largest angle between D(D^-1(r)) and r on a regular grid over the field, its border included, and the root of the mean
+/// square, arcsec.
+fn errors(direct: &Distortion, inverse: &InverseDistortion, field: &CalibratedField) -> (f64, f64) {
     const SIDE: u32 = 60;
-    let mut worst = 0.0f64;
+    let (mut worst, mut squares, mut count) = (0.0f64, 0.0, 0.0);
     for row in 0..=SIDE {
         for column in 0..=SIDE {
             let share = DVec2::new(f64::from(column), f64::from(row)) / f64::from(SIDE);
-            let undistorted = low + share * (high - low);
-            let back = inverse.distort(direct.distort(undistorted));
-            worst = worst.max(super::errors::angle_arcsec(back, undistorted));
+            let sight = field.low + share * (field.high - field.low);
+            if field.held(sight) != sight {
+                continue;
+            }
+            let back = direct.distort(inverse.undistort(sight, inverse.reference_log10_irradiance));
+            let angle = super::errors::angle_arcsec(back, sight);
+            worst = worst.max(angle);
+            squares += angle * angle;
+            count += 1.0;
         }
     }
-    worst
+    (worst, (squares / f64::max(count, 1.0)).sqrt())
 }

@@ -6,7 +6,7 @@ use faer::{Accum, Mat, Par, Side};
 use glam::DVec2;
 use rayon::prelude::*;
 
-use super::form::{ModelForm, Scaling, Term};
+use super::form::Basis;
 use super::noise::{Robust, Weights};
 use super::observations::Observations;
 
@@ -21,7 +21,7 @@ pub(crate) struct Gram {
 /// A fitted form in scaled coordinates.
 #[derive(Debug, Clone)]
 pub(crate) struct Fit {
-    pub(crate) terms: Vec<Term>,
+    pub(crate) basis: Basis,
     /// Coefficients (of x, of y) of the basis functions.
     pub(crate) coefficients: Vec<DVec2>,
     /// (X^T V^-1 X)^-1: covariance of either axis's coefficients, rad^2.
@@ -32,18 +32,17 @@ pub(crate) struct Fit {
 fn whitened_block(
     observations: &Observations,
     exposure: usize,
-    terms: &[Term],
-    scaling: &Scaling,
+    basis: &Basis,
     target: &[DVec2],
     weights: &Weights,
 ) -> Mat<f64> {
     let range = observations.exposures[exposure].1.clone();
-    let n = terms.len();
+    let n = basis.len();
     let mut block = Mat::<f64>::zeros(range.len(), n + 2);
     let mut values = vec![0.0; n + 2];
     let roots: Vec<f64> = weights.inverse_variance[range.clone()].iter().map(|w| w.sqrt()).collect();
     for (row, i) in range.enumerate() {
-        scaling.fill(observations.sight[i], observations.l[i], terms, &mut values[..n]);
+        basis.fill(observations.sight[i], observations.l[i], &mut values[..n]);
         values[n] = target[i].x;
         values[n + 1] = target[i].y;
         for (column, value) in values.iter().enumerate() {
@@ -68,19 +67,18 @@ fn whitened_block(
 pub(crate) fn grams(
     observations: &Observations,
     groups: &[Vec<usize>],
-    terms: &[Term],
-    scaling: &Scaling,
+    basis: &Basis,
     target: &[DVec2],
     weights: &Weights,
 ) -> Vec<Gram> {
-    let n = terms.len();
+    let n = basis.len();
     groups
         .par_iter()
         .map(|group| {
             let mut matrix = Mat::<f64>::zeros(n + 2, n + 2);
             let mut weight = 0.0;
             for &exposure in group {
-                let block = whitened_block(observations, exposure, terms, scaling, target, weights);
+                let block = whitened_block(observations, exposure, basis, target, weights);
                 let (lower, full) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
                 matmul(&mut matrix, lower, Accum::Add, block.transpose(), full, &block, full, 1.0, Par::Seq);
                 let range = observations.exposures[exposure].1.clone();
@@ -116,10 +114,13 @@ impl Gram {
         Self { matrix: &self.matrix - &part.matrix, weight: self.weight - part.weight }
     }
 
-    /// Solves for the coefficients of some of the columns; `None` where they are not independent.
-    pub(crate) fn solve(&self, columns: &[usize]) -> Option<Vec<DVec2>> {
+    /// Solves for the coefficients of some of the columns of a basis; `None` where they are not independent.
+    pub(crate) fn solve(&self, basis: &Basis, columns: &[usize]) -> Option<Vec<DVec2>> {
         let (n, all) = (columns.len(), self.matrix.nrows() - 2);
-        let normal = Mat::<f64>::from_fn(n, n, |i, j| self.matrix[(columns[i], columns[j])]);
+        let normal = Mat::<f64>::from_fn(n, n, |i, j| {
+            let prior = if i == j { basis.prior(columns[i]) } else { 0.0 };
+            self.matrix[(columns[i], columns[j])] + prior
+        });
         let right = Mat::<f64>::from_fn(n, 2, |i, axis| self.matrix[(columns[i], all + axis)]);
         let solution = normal.llt(Side::Lower).ok()?.solve(&right);
         let out: Vec<DVec2> = (0..n).map(|i| DVec2::new(solution[(i, 0)], solution[(i, 1)])).collect();
@@ -143,31 +144,26 @@ impl Gram {
 }
 
 impl Fit {
-    /// Weighted least squares by QR: each group's rows to a triangle, the triangles stacked to one, and the guide's rows
+    /// Weighted least squares by QR: each group's rows to a triangle, the triangles stacked to one, and the prior's rows
     /// under them. `None` where the data do not determine the form.
     pub(crate) fn by_qr(
         observations: &Observations,
         groups: &[Vec<usize>],
-        form: ModelForm,
-        scaling: &Scaling,
+        basis: &Basis,
         weights: &Weights,
-        guide: &[GuidePoint],
     ) -> Option<Self> {
-        let terms = form.terms();
-        let n = terms.len();
+        let n = basis.len();
         let mut triangles: Vec<Mat<f64>> = groups
             .par_iter()
             .map(|group| {
                 let blocks: Vec<Mat<f64>> = group
                     .iter()
-                    .map(|&e| {
-                        whitened_block(observations, e, &terms, scaling, &observations.undistorted, weights)
-                    })
+                    .map(|&e| whitened_block(observations, e, basis, &observations.undistorted, weights))
                     .collect();
                 triangle(&blocks, n + 2)
             })
             .collect();
-        triangles.push(guide_block(guide, &terms, scaling));
+        triangles.push(prior_block(basis));
         let r = triangle(&triangles, n + 2);
         if !coefficients_are_determined(&r, n) {
             return None;
@@ -190,78 +186,26 @@ impl Fit {
             }
         }
         let covariance = &inverse * inverse.transpose();
-        Some(Self { terms, coefficients, covariance })
+        Some(Self { basis: basis.clone(), coefficients, covariance })
     }
 
     /// D^-1(r) at L for every observation.
-    pub(crate) fn predict(&self, observations: &Observations, scaling: &Scaling) -> Vec<DVec2> {
-        predict(observations, scaling, &self.terms, &self.coefficients)
+    pub(crate) fn predict(&self, observations: &Observations) -> Vec<DVec2> {
+        predict(observations, &self.basis, &self.coefficients)
     }
 }
 
-/// Beyond the points' field: a line of sight, and about where it meets the screen (undistorted).
-pub(crate) type GuidePoint = (DVec2, DVec2);
-
-/// Lowest degree beyond which a form needs a guide.
-const GUIDED_DEGREE: u32 = 5;
-/// How closely a form keeps to its guide, rad: against points of some 1e-6 rad next to nothing, and enough that nothing
-/// folds over.
-const GUIDE_SIGMA_RAD: f64 = 1e-4;
-/// The guide reaches so much farther than the screen, for distortion.
-const MARGIN: f64 = 1.1;
-/// Guide points along x and y.
-const GUIDE_SIDE: usize = 21;
-
-/// Where a form of high degree is to go beyond the points' field, over the rest of a screen that reaches `beyond` times as
-/// far along x and y: where one of degree 5 goes. A high degree that follows the field leaves it steeply, and folds over on
-/// the screen. Empty for low degrees; `None` where the data do not determine degree 5.
-pub(crate) fn guide(
-    observations: &Observations,
-    groups: &[Vec<usize>],
-    form: ModelForm,
-    scaling: &Scaling,
-    weights: &Weights,
-    beyond: DVec2,
-) -> Option<Vec<GuidePoint>> {
-    if form.degree <= GUIDED_DEGREE || beyond.max_element() <= 1.0 {
-        return Some(Vec::new());
-    }
-    let low = ModelForm {
-        degree: GUIDED_DEGREE,
-        irradiance_degree: form.irradiance_degree.min(GUIDED_DEGREE),
-        ..form
-    };
-    let terms = low.terms();
-    let columns: Vec<usize> = (0..terms.len()).collect();
-    let grams = grams(observations, groups, &terms, scaling, &observations.undistorted, weights);
-    let coefficients = Gram::sum(grams.iter())?.solve(&columns)?;
-    let mut values = vec![0.0; terms.len()];
-    let mut points = Vec::new();
-    for i in 0..GUIDE_SIDE * GUIDE_SIDE {
-        let place = [i % GUIDE_SIDE, i / GUIDE_SIDE].map(|k| 2.0 * k as f64 / (GUIDE_SIDE - 1) as f64 - 1.0);
-        let scaled = DVec2::from(place) * MARGIN * beyond.max(DVec2::ONE);
-        if scaled.abs().max_element() > 1.0 {
-            let sight = scaling.sight(scaled);
-            scaling.fill(sight, 0.0, &terms, &mut values);
-            points.push((sight, values.iter().zip(&coefficients).map(|(v, c)| *c * *v).sum()));
-        }
-    }
-    Some(points)
-}
-
-fn guide_block(guide: &[GuidePoint], terms: &[Term], scaling: &Scaling) -> Mat<f64> {
-    let n = terms.len();
-    let mut block = Mat::<f64>::zeros(guide.len(), n + 2);
-    let mut values = vec![0.0; n + 2];
-    for (row, (sight, undistorted)) in guide.iter().enumerate() {
-        scaling.fill(*sight, 0.0, terms, &mut values[..n]);
-        values[n] = undistorted.x;
-        values[n + 1] = undistorted.y;
-        for (column, value) in values.iter().enumerate() {
-            block[(row, column)] = value / GUIDE_SIGMA_RAD;
-        }
-    }
-    block
+/// What the coefficients are before any data, as rows.
+fn prior_block(basis: &Basis) -> Mat<f64> {
+    let n = basis.len();
+    let first = basis.terms.len();
+    Mat::from_fn(
+        n - first,
+        n + 2,
+        |row, column| {
+            if column == first + row { basis.prior(column).sqrt() } else { 0.0 }
+        },
+    )
 }
 
 /// Whether no column of a triangle is, to rounding, made up of those before it.
@@ -291,21 +235,16 @@ fn triangle(blocks: &[Mat<f64>], columns: usize) -> Mat<f64> {
 }
 
 /// Values of a form at every observation.
-pub(crate) fn predict(
-    observations: &Observations,
-    scaling: &Scaling,
-    terms: &[Term],
-    coefficients: &[DVec2],
-) -> Vec<DVec2> {
+pub(crate) fn predict(observations: &Observations, basis: &Basis, coefficients: &[DVec2]) -> Vec<DVec2> {
     let indices: Vec<usize> = (0..observations.len()).collect();
     indices
         .par_chunks(1024)
         .flat_map_iter(|chunk| {
-            let mut values = vec![0.0; terms.len()];
+            let mut values = vec![0.0; basis.len()];
             chunk
                 .iter()
                 .map(|&i| {
-                    scaling.fill(observations.sight[i], observations.l[i], terms, &mut values);
+                    basis.fill(observations.sight[i], observations.l[i], &mut values);
                     values.iter().zip(coefficients).map(|(value, c)| *c * *value).sum::<DVec2>()
                 })
                 .collect::<Vec<_>>()
@@ -317,21 +256,19 @@ pub(crate) fn predict(
 pub(crate) fn robust_weights(
     observations: &Observations,
     groups: &[Vec<usize>],
-    form: ModelForm,
-    scaling: &Scaling,
+    basis: &Basis,
     rounds: &[Robust],
     mut weights: Weights,
 ) -> Option<(Weights, Vec<DVec2>)> {
-    let terms = form.terms();
-    let columns: Vec<usize> = (0..terms.len()).collect();
+    let columns: Vec<usize> = (0..basis.len()).collect();
     let mut coefficients = Vec::new();
     for &robust in rounds {
-        let grams = grams(observations, groups, &terms, scaling, &observations.undistorted, &weights);
-        coefficients = Gram::sum(grams.iter())?.solve(&columns)?;
-        let fitted = predict(observations, scaling, &terms, &coefficients);
+        let grams = grams(observations, groups, basis, &observations.undistorted, &weights);
+        coefficients = Gram::sum(grams.iter())?.solve(basis, &columns)?;
+        let fitted = predict(observations, basis, &coefficients);
         let residuals: Vec<DVec2> =
             observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
-        weights.update(observations, &residuals, terms.len(), form.irradiance_power as usize, robust);
+        weights.update(observations, &residuals, columns.len(), basis.form.irradiance_power as usize, robust);
     }
     Some((weights, coefficients))
 }

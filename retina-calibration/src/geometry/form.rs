@@ -1,6 +1,8 @@
-//! The form of D^-1: which monomials x^i y^j L^k it has, and their values in scaled coordinates.
+//! The form of D^-1: which monomials x^i y^j L^k it has and how many rings, and their values in scaled coordinates.
 
+use faer::Mat;
 use glam::DVec2;
+use retina_geometry::Rings;
 
 /// Powers [i, j, k] of x^i y^j L^k.
 pub type Term = [u32; 3];
@@ -8,7 +10,8 @@ pub type Term = [u32; 3];
 /// Highest powers that occur in a form, plus one.
 pub(crate) const SIDE: usize = retina_geometry::MAX_DEGREE as usize + 1;
 
-/// A polynomial of `degree` in (x, y), and for each power of L up to `irradiance_power` one of `irradiance_degree`.
+/// A polynomial of `degree` in (x, y), for each power of L up to `irradiance_power` one of `irradiance_degree`, and rings
+/// about the distortion's centre.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ModelForm {
     /// Total degree in x and y without irradiance, 1 to 9.
@@ -17,12 +20,14 @@ pub struct ModelForm {
     pub irradiance_degree: u32,
     /// Highest power of L; 0: plain.
     pub irradiance_power: u32,
+    /// Intervals between the rings' knots; 0: no rings.
+    pub rings: u32,
 }
 
 impl ModelForm {
     /// Without irradiance (the paper's Fig. 10b).
     pub fn plain(degree: u32) -> Self {
-        Self { degree, irradiance_degree: 0, irradiance_power: 0 }
+        Self { degree, irradiance_degree: 0, irradiance_power: 0, rings: 0 }
     }
 
     /// Its terms, powers of L first, then of x, then of y.
@@ -40,7 +45,9 @@ impl ModelForm {
     /// Number of coefficients per axis.
     pub fn len(&self) -> usize {
         let triangle = |d: u32| ((d + 1) * (d + 2) / 2) as usize;
-        triangle(self.degree) + self.irradiance_power as usize * triangle(self.irradiance_degree)
+        triangle(self.degree)
+            + self.irradiance_power as usize * triangle(self.irradiance_degree)
+            + 2 * self.rings as usize
     }
 
     /// Never: every form has at least the constant.
@@ -73,12 +80,6 @@ impl Scaling {
         Self { middle, half }
     }
 
-    /// The line of sight at scaled coordinates.
-    pub(crate) fn sight(&self, scaled: DVec2) -> DVec2 {
-        let [x, y, _] = self.middle;
-        DVec2::new(x, y) + scaled * DVec2::new(self.half[0], self.half[1])
-    }
-
     /// Values of the basis functions P_i(x) P_j(y) P_k(L) of `terms`, into `out`.
     pub(crate) fn fill(&self, r: DVec2, l: f64, terms: &[Term], out: &mut [f64]) {
         let at = [r.x, r.y, l];
@@ -104,7 +105,7 @@ impl Scaling {
     }
 }
 
-/// P_0 to P_11 at t.
+/// P_0 to P_13 at t.
 fn legendre(t: f64) -> [f64; SIDE] {
     let mut p = [1.0; SIDE];
     p[1] = t;
@@ -132,13 +133,75 @@ fn shifted_legendre(middle: f64, half: f64) -> [[f64; SIDE]; SIDE] {
     out
 }
 
+/// Where a form's columns are taken: the box of the data, and the rings' centre and reach where there is one.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Domain {
+    pub(crate) scaling: Scaling,
+    /// Centre and radius.
+    pub(crate) rings: Option<(DVec2, f64)>,
+}
+
+/// The columns of a form.
+#[derive(Debug, Clone)]
+pub(crate) struct Basis {
+    pub(crate) form: ModelForm,
+    pub(crate) terms: Vec<Term>,
+    pub(crate) rings: Option<Rings>,
+    scaling: Scaling,
+}
+
+/// What a ring may move its points by, as a standard deviation, tangent plane: 200 arcsec, against points of some arcsec next
+/// to nothing. Where rings and polynomials are nearly the same, it keeps both small.
+const RING_SIGMA: f64 = 1e-3;
+
+impl Domain {
+    /// Without a centre there are no rings.
+    pub(crate) fn basis(&self, form: ModelForm) -> Basis {
+        let rings = self.rings.filter(|_| form.rings > 0);
+        let rings = rings.map(|(center, radius)| Rings { center, radius, intervals: form.rings });
+        Basis { form, terms: form.terms(), rings, scaling: self.scaling }
+    }
+}
+
+impl Basis {
+    /// Number of columns.
+    pub(crate) fn len(&self) -> usize {
+        self.terms.len() + self.rings.map_or(0, |rings| rings.columns())
+    }
+
+    /// Values of the columns, into `out`.
+    pub(crate) fn fill(&self, r: DVec2, l: f64, out: &mut [f64]) {
+        let (polynomial, rings) = out.split_at_mut(self.terms.len());
+        self.scaling.fill(r, l, &self.terms, polynomial);
+        if let Some(own) = &self.rings {
+            own.fill(r, rings);
+        }
+    }
+
+    /// Inverse variance that a column's coefficient has before any data.
+    pub(crate) fn prior(&self, column: usize) -> f64 {
+        if column < self.terms.len() { 0.0 } else { RING_SIGMA.powi(-2) }
+    }
+
+    /// The matrix that takes coefficients of the columns to those of monomials and rings.
+    pub(crate) fn to_monomials(&self) -> Mat<f64> {
+        let n = self.terms.len();
+        let change = self.scaling.monomials_from_basis(&self.terms);
+        Mat::from_fn(self.len(), self.len(), |row, column| match (row < n, column < n) {
+            (true, true) => change[row * n + column],
+            (false, false) if row == column => 1.0,
+            _ => 0.0,
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn basis_and_monomials_are_the_same_polynomial() {
-        let form = ModelForm { degree: 5, irradiance_degree: 3, irradiance_power: 2 };
+        let form = ModelForm { degree: 5, irradiance_degree: 3, irradiance_power: 2, rings: 0 };
         let terms = form.terms();
         assert_eq!(terms.len(), form.len());
         let scaling =

@@ -37,6 +37,7 @@ fn form_json(form: &ModelForm) -> Value {
         "degree": form.degree,
         "irradiance_degree": form.irradiance_degree,
         "irradiance_power": form.irradiance_power,
+        "rings": form.rings,
     })
 }
 
@@ -60,15 +61,20 @@ fn physical_json(physical: &PhysicalFit, setup: &Setup) -> Value {
 
 /// `calibrate geometry --json`, schema `retina.geometry-calibration/1`.
 pub fn to_json(result: &GeometryCalibration, setup: &Setup) -> Value {
-    let n = result.terms.len();
+    let inverse = &result.inverse;
+    let n = inverse.columns();
     let sigma = |i: usize| result.covariance[i * n + i].sqrt();
-    let coefficients: Vec<Value> = result
-        .terms
-        .iter()
-        .zip(&result.coefficients)
-        .enumerate()
+    let terms = inverse.terms.iter().enumerate();
+    let mut coefficients: Vec<Value> = terms
         .map(|(row, ([i, j, k], c))| json!({ "i": i, "j": j, "k": k, "a": c.x, "b": c.y, "sigma": sigma(row) }))
         .collect();
+    if let Some(field) = &inverse.rings {
+        coefficients.extend(field.coefficients.iter().enumerate().map(|(column, c)| {
+            let row = inverse.terms.len() + column;
+            let along = ["x", "y"][column % 2];
+            json!({ "ring": column / 2, "along": along, "a": c.x, "b": c.y, "sigma": sigma(row) })
+        }));
+    }
     let ladder: Vec<Value> = result
         .ladder
         .iter()
@@ -95,11 +101,15 @@ pub fn to_json(result: &GeometryCalibration, setup: &Setup) -> Value {
         "jitter_arcsec_per_axis": result.jitter_arcsec,
         "heldout": heldout,
         "form": form_json(&result.form),
-        "reference_log10_irradiance": result.reference_log10_irradiance,
-        "range_log10_irradiance": result.range_log10_irradiance,
+        "reference_log10_irradiance": inverse.reference_log10_irradiance,
+        "range_log10_irradiance": inverse.range_log10_irradiance,
+        "rings": inverse.rings.as_ref().map(|field| {
+            let rings = field.rings;
+            json!({ "center": rings.center.to_array(), "radius": rings.radius, "intervals": rings.intervals })
+        }),
         "coefficients": coefficients,
         "covariance": result.covariance.chunks(n).map(<[f64]>::to_vec).collect::<Vec<_>>(),
-        "direct": { "degree": result.direct.degree, "inverse_error_arcsec": result.direct.worst_arcsec },
+        "direct": { "degree": result.direct.degree, "inverse_error_arcsec": result.direct.worst_arcsec, "inverse_error_rms_arcsec": result.direct.rms_arcsec },
         "physical": result.physical.as_ref().map(|physical| physical_json(physical, setup)),
         "ladder": ladder,
     });
@@ -134,13 +144,15 @@ pub fn text_summary(result: &GeometryCalibration, setup: &Setup) -> String {
     }
     let _ = writeln!(
         text,
-        "\n  degree  of L's terms  powers of L  columns  left out, arcsec per axis  behind the best, sigmas"
+        "\n  rings  degree  of L's terms  powers of L  columns  left out, arcsec per axis  behind the best, sigmas"
     );
-    // Of each degree without and with irradiance the best rung.
-    for degree in 1..=super::select::HIGHEST_DEGREE {
-        for with in [false, true] {
-            let of =
-                |rung: &&super::Rung| rung.form.degree == degree && (rung.form.irradiance_power > 0) == with;
+    // Of each number of rings and degree without and with irradiance the best rung.
+    for rings in [0, super::select::RINGS] {
+        for (degree, with) in (1..=super::select::HIGHEST_DEGREE).flat_map(|d| [(d, false), (d, true)]) {
+            let of = |rung: &&super::Rung| {
+                let form = rung.form;
+                (form.rings, form.degree, form.irradiance_power > 0) == (rings, degree, with)
+            };
             let chosen = result.ladder.iter().filter(of).find(|rung| rung.form == result.form);
             let best = result
                 .ladder
@@ -149,11 +161,12 @@ pub fn text_summary(result: &GeometryCalibration, setup: &Setup) -> String {
                 .min_by(|a, b| a.heldout_rms_arcsec.total_cmp(&b.heldout_rms_arcsec));
             if let Some(rung) = chosen.or(best) {
                 let ModelForm { irradiance_degree, irradiance_power, .. } = rung.form;
+                let rings = if rings > 0 { rings.to_string() } else { "-".to_owned() };
                 let of_l = if with { irradiance_degree.to_string() } else { "-".to_owned() };
                 let mark = if rung.form == result.form { "   <- chosen" } else { "" };
                 let _ = writeln!(
                     text,
-                    "  {degree:>6}  {of_l:>12}  {irradiance_power:>11}  {:>7}  {:>25.3}  {:>23.1}{mark}",
+                    "  {rings:>5}  {degree:>6}  {of_l:>12}  {irradiance_power:>11}  {:>7}  {:>25.3}  {:>23.1}{mark}",
                     rung.form.len(),
                     rung.heldout_rms_arcsec,
                     rung.behind_best
@@ -163,8 +176,11 @@ pub fn text_summary(result: &GeometryCalibration, setup: &Setup) -> String {
     }
     let _ = writeln!(
         text,
-        "\nD at log10 irradiance {:.2}: degree {}, undone by D^-1 to {:.1e} arcsec over the field",
-        result.reference_log10_irradiance, result.direct.degree, result.direct.worst_arcsec
+        "\nD at log10 irradiance {:.2}: degree {}, undone by D^-1 to {:.1e} arcsec over the field, {:.1e} rms",
+        result.inverse.reference_log10_irradiance,
+        result.direct.degree,
+        result.direct.worst_arcsec,
+        result.direct.rms_arcsec
     );
     for warning in &result.warnings {
         let _ = writeln!(text, "warning: {warning}");

@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use retina_files::InputError;
-use retina_formats::{CalibrationFile, CovarianceRecord, DistortionRecord, InverseRecord, PointsTable};
-use retina_geometry::Setup;
+use retina_formats::{
+    CalibrationFile, CovarianceRecord, DistortionRecord, FieldRecord, InverseRecord, PointsTable, RingsRecord,
+};
+use retina_geometry::{InverseTerm, Setup};
 use toml::Value;
 
 use super::calibrate::GeometryCalibration;
@@ -46,15 +48,27 @@ impl GeometryCalibration {
     pub fn store(&self, file: &mut CalibrationFile) {
         let direct = self.direct.terms.iter().map(|&(i, j, a, b)| (f64::from(i), f64::from(j), a, b));
         file.distortion = Some(DistortionRecord { terms: direct.collect() });
-        let terms = self.terms.iter().zip(&self.coefficients);
+        let inverse = &self.inverse;
+        let row = |(powers, c): &InverseTerm| {
+            let [i, j, k] = powers.map(f64::from);
+            (i, j, k, c.x, c.y)
+        };
         file.inverse = Some(InverseRecord {
-            reference_log10_irradiance: self.reference_log10_irradiance,
-            range_log10_irradiance: self.range_log10_irradiance,
-            terms: terms
-                .map(|(&[i, j, k], c)| (f64::from(i), f64::from(j), f64::from(k), c.x, c.y))
-                .collect(),
+            reference_log10_irradiance: inverse.reference_log10_irradiance,
+            range_log10_irradiance: inverse.range_log10_irradiance,
+            field: inverse.field.map(|field| FieldRecord {
+                low: field.low.to_array(),
+                high: field.high.to_array(),
+                radius: field.radius,
+            }),
+            terms: inverse.terms.iter().map(row).collect(),
+            rings: inverse.rings.as_ref().map(|field| RingsRecord {
+                center: field.rings.center.to_array(),
+                radius: field.rings.radius,
+                terms: field.coefficients.chunks(2).map(|c| [c[0].x, c[1].x, c[0].y, c[1].y]).collect(),
+            }),
         });
-        file.covariance = Some(CovarianceRecord::of_matrix(&self.covariance, self.terms.len()));
+        file.covariance = Some(CovarianceRecord::of_matrix(&self.covariance, inverse.columns()));
     }
 }
 
@@ -92,11 +106,11 @@ fn provenance(result: &GeometryCalibration, table: &PointsTable, setup: &Setup) 
     let percentiles = PERCENTILES.iter().zip(result.heldout.percentiles_arcsec);
     let percentiles = percentiles.map(|(percent, value)| (percent.to_string(), error(value)));
     put("heldout_percentiles_arcsec", Value::Table(percentiles.collect()));
-    // Degree in x and y, degree of L's coefficients, highest power of L, error of exposures left out (arcsec per axis),
+    // Degree in x and y, degree of L's coefficients, highest power of L, intervals of the rings, error of exposures left out (arcsec per axis),
     // standard errors behind the best.
     let rungs = result.ladder.iter().map(|rung| {
         let form = rung.form;
-        let powers = [form.degree, form.irradiance_degree, form.irradiance_power];
+        let powers = [form.degree, form.irradiance_degree, form.irradiance_power, form.rings];
         let mut row: Vec<Value> = powers.map(|power| Value::Integer(i64::from(power))).to_vec();
         row.extend([error(rung.heldout_rms_arcsec), error(rung.behind_best)]);
         Value::Array(row)

@@ -6,7 +6,7 @@ use rand::seq::SliceRandom as _;
 use rayon::prelude::*;
 
 use super::fit::{Gram, grams, predict};
-use super::form::{ModelForm, Scaling};
+use super::form::{Domain, ModelForm};
 use super::noise::Weights;
 use super::observations::Observations;
 
@@ -40,51 +40,64 @@ pub(crate) fn folds(exposures: usize) -> Vec<Vec<usize>> {
         .collect()
 }
 
-/// Highest degree of D^-1 that is tried: D, its inverse, needs two more to undo it.
-pub(crate) const HIGHEST_DEGREE: u32 = 11;
+/// Highest degree of D^-1 that is tried: D, its inverse, needs more to undo it.
+pub(crate) const HIGHEST_DEGREE: u32 = 9;
+/// Intervals between the rings' knots, where there are rings: with 12 and with 24 the bench's lenses leave the same.
+pub(crate) const RINGS: u32 = 16;
+/// Rings add to at least this degree.
+const LEAST_RINGED_DEGREE: u32 = 3;
 
-/// The widest form that the data could determine.
+/// Whether there are enough points for a form.
+pub(crate) fn bears(observations: &Observations, form: &ModelForm) -> bool {
+    form.len() * POINTS_PER_COLUMN <= observations.len()
+}
+
+/// The widest form without rings that the data could determine.
 pub(crate) fn widest(observations: &Observations, plain: bool) -> ModelForm {
     let mut levels: Vec<f64> = observations.l.clone();
     levels.sort_by(f64::total_cmp);
     // Two levels closer than a quarter of a magnitude are one.
     levels.dedup_by(|b, a| (*b - *a).abs() < 0.1);
     let power = if plain { 0 } else { (levels.len() as u32).saturating_sub(1).min(3) };
-    let fits = |form: &ModelForm| form.len() * POINTS_PER_COLUMN <= observations.len();
-    let mut form = ModelForm { degree: HIGHEST_DEGREE, irradiance_degree: 3, irradiance_power: power };
-    while !fits(&form) && form.degree > 1 {
+    let mut form =
+        ModelForm { degree: HIGHEST_DEGREE, irradiance_degree: 3, irradiance_power: power, rings: 0 };
+    while !bears(observations, &form) && form.degree > 1 {
         form.degree -= 1;
         form.irradiance_degree = form.irradiance_degree.min(form.degree);
         if form.degree <= 3 {
             form.irradiance_power = form.irradiance_power.min(1);
         }
     }
-    if !fits(&form) {
+    if !bears(observations, &form) {
         form.irradiance_power = 0;
     }
     form
 }
 
-/// Every form within the widest, judged by the folds; the rungs in order of their coefficients, and the chosen one:
+/// Every form within the widest, without and with rings, judged by the folds; the rungs in order of their coefficients, and the chosen one:
 /// the smallest that is not worse than the best by more than one standard error.
 pub(crate) fn ladder(
     observations: &Observations,
     groups: &[Vec<usize>],
     widest: ModelForm,
-    scaling: &Scaling,
+    domain: &Domain,
     weights: &Weights,
 ) -> Option<(Vec<Rung>, ModelForm)> {
-    let terms = widest.terms();
     // Against an affine fit the squares are small, and lose no digits in the differences below.
-    let affine = ModelForm::plain(1).terms();
-    let columns_of = |form: ModelForm| -> Vec<usize> {
-        form.terms().iter().filter_map(|term| terms.iter().position(|other| other == term)).collect()
-    };
-    let first = grams(observations, groups, &affine, scaling, &observations.undistorted, weights);
-    let line = Gram::sum(first.iter())?.solve(&[0, 1, 2])?;
-    let fitted = predict(observations, scaling, &affine, &line);
+    let affine = domain.basis(ModelForm::plain(1));
+    let first = grams(observations, groups, &affine, &observations.undistorted, weights);
+    let line = Gram::sum(first.iter())?.solve(&affine, &[0, 1, 2])?;
+    let fitted = predict(observations, &affine, &line);
     let target: Vec<DVec2> = observations.undistorted.iter().zip(&fitted).map(|(u, f)| *u - *f).collect();
-    let folds = grams(observations, groups, &terms, scaling, &target, weights);
+    let rings = if domain.rings.is_some() { RINGS } else { 0 };
+    let basis = domain.basis(ModelForm { rings, ..widest });
+    let columns_of = |form: ModelForm| -> Vec<usize> {
+        let own = form.terms();
+        let shared = own.iter().filter_map(|term| basis.terms.iter().position(|other| other == term));
+        let ringed = if form.rings > 0 { basis.terms.len()..basis.len() } else { 0..0 };
+        shared.chain(ringed).collect()
+    };
+    let folds = grams(observations, groups, &basis, &target, weights);
     let total = Gram::sum(folds.iter())?;
     let training: Vec<Gram> =
         folds.iter().map(|fold| if folds.len() > 1 { total.without(fold) } else { fold.clone() }).collect();
@@ -93,16 +106,19 @@ pub(crate) fn ladder(
         let squares: Option<Vec<f64>> = folds
             .iter()
             .zip(&training)
-            .map(|(fold, training)| Some(fold.squares(&columns, &training.solve(&columns)?)))
+            .map(|(fold, training)| Some(fold.squares(&columns, &training.solve(&basis, &columns)?)))
             .collect();
         Some((form, squares?))
     };
-    let mut judged: Vec<(ModelForm, Vec<f64>)> =
-        forms_within(widest).into_par_iter().filter_map(judge).collect();
-    judged.sort_by_key(|(form, _)| (form.len(), form.irradiance_power, form.irradiance_degree));
+    let plain = forms_within(widest);
+    let ringed = plain.iter().filter(|form| rings > 0 && form.degree >= LEAST_RINGED_DEGREE);
+    let ringed = ringed.map(|form| ModelForm { rings, ..*form }).filter(|form| bears(observations, form));
+    let forms: Vec<ModelForm> = plain.iter().copied().chain(ringed).collect();
+    let mut judged: Vec<(ModelForm, Vec<f64>)> = forms.into_par_iter().filter_map(judge).collect();
+    judged.sort_by_key(|(form, _)| (form.len(), form.rings, form.irradiance_power, form.irradiance_degree));
+    let weight: f64 = folds.iter().map(|fold| fold.weight).sum();
     let sum = |squares: &Vec<f64>| squares.iter().sum::<f64>();
     let best = judged.iter().min_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))?.1.clone();
-    let weight: f64 = folds.iter().map(|fold| fold.weight).sum();
     let rungs: Vec<Rung> = judged
         .iter()
         .map(|(form, squares)| {
@@ -125,7 +141,7 @@ fn forms_within(widest: ModelForm) -> Vec<ModelForm> {
         out.push(ModelForm::plain(degree));
         for irradiance_power in 1..=widest.irradiance_power {
             for irradiance_degree in 0..=widest.irradiance_degree.min(degree) {
-                out.push(ModelForm { degree, irradiance_degree, irradiance_power });
+                out.push(ModelForm { degree, irradiance_degree, irradiance_power, rings: 0 });
             }
         }
     }

@@ -59,7 +59,7 @@ pub(super) fn entry(effect: PointsEffect) -> Entry {
         E::RadialHigherOrder => entry!("a (x, y) r^4", BROWN, &["r"], "1 to 30 arcsec", None, radial),
         E::ScreenBow => entry!(
             "a (x^2 - y^2) (x, y) + b x y (x, y)",
-            "depth of a bent screen times the chief ray's slope",
+            "depth of a bent screen times what depth does to a line of sight",
             &["x", "y"],
             "1 to 6 arcsec",
             None,

@@ -168,8 +168,8 @@ impl Dataset {
         self.order.len()
     }
 
-    /// The same data of a facility whose lenses are known: effects of the display's place have the forms that its chief
-    /// rays give them, and come as tilts in degrees and sags in micrometres.
+    /// The same data of a facility whose lenses are known: effects of the display's place have the forms that its lenses
+    /// give them, and come as tilts in degrees and sags in micrometres.
     #[must_use]
     pub fn with_display_rays(mut self, rays: DisplayRays) -> Self {
         self.display = Some(rays);

@@ -402,20 +402,8 @@ fn fixed(calibration: &Calibration, undistorted: &[DVec2], l: &[f64]) -> Result<
         .iter()
         .zip(l)
         .map(|(u, l)| {
-            let held = inverse.held(*l);
-            let mut guess = calibration.distortion.distort(*u);
-            for _ in 0..50 {
-                let off = inverse.undistort(guess, held) - *u;
-                if off.length() < 1e-14 {
-                    return Ok(guess);
-                }
-                guess -= inverse.jacobian(guess, held).inverse() * off;
-            }
-            let off = inverse.undistort(guess, held) - *u;
-            if off.length() < 1e-11 {
-                return Ok(guess);
-            }
-            Err(format!("D^-1 cannot be undone at the line of sight ({:.4}, {:.4})", u.x, u.y))
+            let cannot = |_| format!("D^-1 cannot be undone at the line of sight ({:.4}, {:.4})", u.x, u.y);
+            inverse.distort(*u, inverse.held(*l)).map_err(cannot)
         })
         .collect()
 }

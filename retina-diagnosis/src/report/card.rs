@@ -3,7 +3,7 @@
 use retina_report::Section;
 
 use super::{rounded, with_sigma};
-use crate::added::AddedEffect;
+use crate::added::{AddedEffect, SECOND_ORDERS};
 use crate::compare::Comparison;
 use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
@@ -148,8 +148,11 @@ pub(super) fn fitted(data: &Dataset, added: &[AddedEffect], result: &Fit, view: 
     };
     let mut answers = warning_answers(data, result.outliers);
     let own = |name: &str| added.iter().any(|effect| name.starts_with(&format!("{}.", effect.name())));
-    for parameter in
-        result.parameters.iter().filter(|p| own(&p.name) && !p.name.contains(".own_")).take(MOST_PARAMETERS)
+    for parameter in result
+        .parameters
+        .iter()
+        .filter(|p| own(&p.name) && !p.name.contains(SECOND_ORDERS))
+        .take(MOST_PARAMETERS)
     {
         let Some(sigma) = parameter.sigma else { continue };
         answers.push(("Fitted", format!("{} = {}", parameter.name, with_sigma(parameter.value, sigma))));

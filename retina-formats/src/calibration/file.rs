@@ -66,11 +66,40 @@ pub struct InverseRecord {
     pub reference_log10_irradiance: f64,
     /// Lowest and highest L that were calibrated.
     pub range_log10_irradiance: [f64; 2],
+    /// Where lines of sight were calibrated; D^-1 goes on straight beyond.
+    pub field: Option<FieldRecord>,
     /// The rows.
     pub terms: Vec<(f64, f64, f64, f64, f64)>,
+    /// What is added ring by ring.
+    pub rings: Option<RingsRecord>,
 }
 
-/// Covariance of the coefficients a in the order of the inverse's terms, and again of b; a and b are independent.
+/// Where lines of sight were calibrated: in this rectangle, and in this disc about its middle.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FieldRecord {
+    /// The rectangle's corner of the smallest x and y.
+    pub low: [f64; 2],
+    /// That of the largest.
+    pub high: [f64; 2],
+    /// The disc's radius.
+    pub radius: f64,
+}
+
+/// Added to r_u: for the cubic B-splines B of |r - center| about 2 h, 3 h, ... radius + h, h = radius / rows, x gains (a_x dx + a_y dy) B, y gains (b_x dx + b_y dy) B, with (dx, dy) = (r - center) / radius.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RingsRecord {
+    /// The centre, a line of sight.
+    pub center: [f64; 2],
+    /// Distance of the last knot; farther out the splines keep their values.
+    pub radius: f64,
+    /// A row a spline: `[a_x, a_y, b_x, b_y]`.
+    pub terms: Vec<[f64; 4]>,
+}
+
+/// Covariance of the coefficients a, in the order of the inverse's terms and then of its rings (a_x, a_y of the first, of
+/// the second, ...), and again of b; a and b are independent.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CovarianceRecord {
@@ -266,22 +295,39 @@ impl CalibrationFile {
             text.push_str("# L = log10 of the irradiance relative to a white pixel at count 255, by the response below or the setup's;\n# L is held within the range.\n[inverse]\n");
             let [low, high] = inverse.range_log10_irradiance;
             let _ = writeln!(text, "reference_log10_irradiance = {:?}", inverse.reference_log10_irradiance);
-            let _ = writeln!(text, "range_log10_irradiance = [{low:?}, {high:?}]\nterms = [");
+            let _ = writeln!(text, "range_log10_irradiance = [{low:?}, {high:?}]");
+            if let Some(FieldRecord { low, high, radius }) = &inverse.field {
+                text.push_str("# The calibrated lines of sight: in a rectangle, and in a disc about its middle. Beyond, D^-1 goes on straight.\n");
+                let _ = writeln!(text, "field = {{ low = {low:?}, high = {high:?}, radius = {radius:?} }}");
+            }
+            text.push_str("terms = [\n");
             for (i, j, k, a, b) in &inverse.terms {
                 let _ = writeln!(text, "  [{i}, {j}, {k}, {a:?}, {b:?}],");
             }
             text.push_str("]\n");
+            if let Some(RingsRecord { center: [x, y], radius, terms }) = &inverse.rings {
+                text.push_str("\n# Added ring by ring: for the cubic B-splines B of |r - center| about 2 h, 3 h, ... radius + h, with h = radius / rows,\n");
+                text.push_str("# rows [a_x, a_y, b_x, b_y]: x gains (a_x dx + a_y dy) B, y gains (b_x dx + b_y dy) B, (dx, dy) = (r - center) / radius.\n");
+                let _ = writeln!(
+                    text,
+                    "[inverse.rings]\ncenter = [{x:?}, {y:?}]\nradius = {radius:?}\nterms = ["
+                );
+                for [ax, ay, bx, by] in terms {
+                    let _ = writeln!(text, "  [{ax:?}, {ay:?}, {bx:?}, {by:?}],");
+                }
+                text.push_str("]\n");
+            }
         }
         if let Some(covariance) = &self.covariance {
-            text.push_str("\n# Covariance of the coefficients a in the order of inverse.terms, and again of b; a and b are independent.\n");
-            text.push_str("# The matrix's lower triangle, row by row.\n[covariance]\nlower_triangle = [\n");
+            text.push_str("\n# Covariance of the coefficients a in the order of inverse.terms, then of the rings (a_x, a_y of each), and again of b;\n# a and b are independent.\n");
+            text.push_str("# The matrix's lower triangle, row by row; all digits, since polynomials and rings are nearly dependent.\n[covariance]\nlower_triangle = [\n");
             let mut rest = covariance.lower_triangle.as_slice();
             for row in 1.. {
                 let (cells, behind) = rest.split_at(row.min(rest.len()));
                 if cells.is_empty() {
                     break;
                 }
-                let cells: Vec<String> = cells.iter().map(|value| format!("{value:.6e}")).collect();
+                let cells: Vec<String> = cells.iter().map(|value| format!("{value:e}")).collect();
                 let _ = writeln!(text, "  {},", cells.join(", "));
                 rest = behind;
             }

@@ -4,10 +4,12 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec2;
 use retina_files::InputError;
-use retina_geometry::{Distortion, InverseDistortion, MAX_DEGREE, Setup};
+use retina_geometry::{CalibratedField, Distortion, InverseDistortion, MAX_DEGREE, RingField, Rings, Setup};
 use retina_radiometry::ScreenResponse;
 
-use super::file::{CalibrationFile, CovarianceRecord, DistortionRecord, InverseRecord};
+use super::file::{
+    CalibrationFile, CovarianceRecord, DistortionRecord, FieldRecord, InverseRecord, RingsRecord,
+};
 use super::response::{MeasuredResponse, measured_or_power_law};
 
 /// What a calibration knows of a facility: D, D^-1 with its dependence on irradiance, and the response by which
@@ -22,7 +24,7 @@ pub struct Calibration {
     pub distortion: Distortion,
     /// D^-1 as it was fitted, for points of light; absent in calibrations that state D alone.
     pub inverse: Option<InverseDistortion>,
-    /// Covariance of the coefficients a of the inverse's terms, and again of b, row by row; absent where the file has
+    /// Covariance of the coefficients a of the inverse's terms and then of its rings, and again of b, row by row; absent where the file has
     /// none.
     pub covariance: Option<Vec<f64>>,
     /// The display's measured response; absent where the setup's power law holds.
@@ -59,8 +61,8 @@ impl Calibration {
         };
         let distortion = distortion(path, record, setup)?;
         let inverse = file.inverse.as_ref().map(|inverse| inverted(path, inverse)).transpose()?;
-        let terms = inverse.as_ref().map_or(0, |inverse| inverse.terms.len());
-        let covariance = file.covariance.map(|covariance| matrix(path, covariance, terms)).transpose()?;
+        let columns = inverse.as_ref().map_or(0, InverseDistortion::columns);
+        let covariance = file.covariance.map(|covariance| matrix(path, covariance, columns)).transpose()?;
         Ok(Self {
             setup: file.setup,
             source: file.source,
@@ -174,7 +176,7 @@ fn matrix(path: &Path, record: CovarianceRecord, terms: usize) -> Result<Vec<f64
     if triangle.len() != terms * (terms + 1) / 2 {
         return Err(refused("is no covariance of the inverse's coefficients")
             .found(format!("{} numbers", triangle.len()))
-            .expected(format!("{} for {terms} terms", terms * (terms + 1) / 2)));
+            .expected(format!("{} for {terms} coefficients", terms * (terms + 1) / 2)));
     }
     let mut out = vec![0.0; terms * terms];
     let mut next = triangle.into_iter();
@@ -209,9 +211,52 @@ fn inverted(path: &Path, record: &InverseRecord) -> Result<InverseDistortion, In
             .found(format!("[{low}, {high}]"))
             .expected("two finite numbers, the lower one first, and a finite reference"));
     }
+    let field = record.field.as_ref().map(|field| field_of(path, field)).transpose()?;
     Ok(InverseDistortion {
         terms,
+        field,
+        rings: record.rings.as_ref().map(|rings| ringed(path, rings)).transpose()?,
         reference_log10_irradiance: reference,
         range_log10_irradiance: record.range_log10_irradiance,
     })
+}
+
+fn field_of(path: &Path, record: &FieldRecord) -> Result<CalibratedField, InputError> {
+    let (low, high, radius) = (DVec2::from(record.low), DVec2::from(record.high), record.radius);
+    let finite = low.is_finite() && high.is_finite() && radius.is_finite();
+    if !(finite && low.cmple(high).all() && radius >= 0.0) {
+        return Err(InputError::new(path, "the calibrated field is none")
+            .at("key `inverse.field`")
+            .found(format!("low {low}, high {high}, radius {radius}"))
+            .expected("finite numbers, low not above high, a radius from 0"));
+    }
+    Ok(CalibratedField { low, high, radius })
+}
+
+/// More are a slip of the pen.
+const MOST_RINGS: usize = 1000;
+
+fn ringed(path: &Path, record: &RingsRecord) -> Result<RingField, InputError> {
+    let refused = |key: &str| {
+        InputError::new(path, "the rings of D^-1 do not fit").at(format!("key `inverse.rings.{key}`"))
+    };
+    let [x, y] = record.center;
+    if !(x.is_finite() && y.is_finite()) {
+        return Err(refused("center").found(format!("[{x}, {y}]")).expected("two finite numbers"));
+    }
+    if !(record.radius.is_finite() && record.radius > 0.0) {
+        return Err(refused("radius").found(record.radius).expected("a finite number above 0"));
+    }
+    let count = record.terms.len();
+    if !(1..=MOST_RINGS).contains(&count) {
+        let expected = format!("1 to {MOST_RINGS}");
+        return Err(refused("terms").found(format!("{count} rows")).expected(expected));
+    }
+    if let Some(row) = record.terms.iter().position(|row| row.iter().any(|value| !value.is_finite())) {
+        let found = format!("{:?} in row {}", record.terms[row], row + 1);
+        return Err(refused("terms").found(found).expected("finite numbers"));
+    }
+    let rings = Rings { center: DVec2::new(x, y), radius: record.radius, intervals: count as u32 };
+    let columns = |[ax, ay, bx, by]: &[f64; 4]| [DVec2::new(*ax, *bx), DVec2::new(*ay, *by)];
+    Ok(RingField { rings, coefficients: record.terms.iter().flat_map(columns).collect() })
 }

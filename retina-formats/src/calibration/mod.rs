@@ -5,8 +5,8 @@ mod geometry;
 mod response;
 
 pub use file::{
-    CalibrationFile, ChannelRecord, CovarianceRecord, DataRecord, DistortionRecord, InverseRecord,
-    ResponseRecord,
+    CalibrationFile, ChannelRecord, CovarianceRecord, DataRecord, DistortionRecord, FieldRecord,
+    InverseRecord, ResponseRecord, RingsRecord,
 };
 pub use geometry::Calibration;
 pub use response::{

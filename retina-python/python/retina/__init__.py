@@ -25,6 +25,7 @@ from ._calibrate import (
     calibrate_radiometry,
 )
 from ._duck import time_s
+from ._effects import Effect, OwnEffect, effects
 from ._ephemeris import Ephemeris, SeenBody
 from ._errors import RetinaError, RetinaWarning
 from ._frames import Frame, Renderer, Scene
@@ -39,14 +40,11 @@ from ._workbench import (
     Candidate,
     Comparison,
     Diagnosis,
-    Effect,
     Fit,
     Formula,
     Investigation,
-    OwnEffect,
     compare,
     diagnose,
-    effects,
     fit,
     investigate,
 )

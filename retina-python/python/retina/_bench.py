@@ -60,7 +60,7 @@ class Bench:
     seed : int
         Seed of its fixed patterns and its noise.
     nodes : (int, int), optional
-        How finely its optics are tabulated, along x and y. Default: 13, 9; 7, 5 is coarse and quick.
+        How finely its optics are tabulated, along x and y. Default: 19, 13; 7, 5 is coarse and quick.
     lines : {1, 3, 5}, optional
         Lines that stand for a channel's spectrum. Default: 3.
 
