@@ -26,7 +26,6 @@ ARCSEC = np.pi / 648000
 SETUP = ROOT / "assets/setups/wide-fov.toml"
 F_SCREEN = 1200 / (2 * (1536 * 3.45e-3 / (2 * 25.0)))  # eq. 13
 F_CAMERA = 25.0e3 / 3.45
-RING_SIGMA = 1e-3  # tangent plane, before any data
 
 
 def make_table(path, points, exposures, seed, step):
@@ -132,9 +131,10 @@ def main():
     names, image = np.unique([points[i]["image"] for i in at], return_inverse=True)
     terms = [(c["i"], c["j"], c["k"]) for c in result["coefficients"] if "i" in c]
     design = np.stack([r[:, 0] ** i * r[:, 1] ** j * light**k for i, j, k in terms], 1)
+    prior_rows = np.zeros((0, len(terms)))
     if result["rings"]:
         design = np.hstack([design, ring_columns(r, result["rings"])])
-    prior_rows = np.eye(design.shape[1])[len(terms) :] / RING_SIGMA
+        prior_rows = np.eye(design.shape[1])[len(terms) :] / result["rings"]["prior_sigma"]
     jitter = result["jitter_arcsec_per_axis"] * ARCSEC
     weight = 1 / sigma**2
     worst, worst_sigma = 0.0, 0.0

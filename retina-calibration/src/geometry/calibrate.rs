@@ -12,7 +12,7 @@ use super::checks::check;
 use super::direct::{self, DirectFit};
 use super::errors::{ErrorSummary, angle_arcsec};
 use super::fit::{Fit, Gram, grams, predict, robust_weights};
-use super::form::{Domain, ModelForm, Scaling};
+use super::form::{Domain, ModelForm, RING_SIGMA, Scaling};
 use super::noise::{Robust, Weights};
 use super::observations::Observations;
 use super::physical::PhysicalFit;
@@ -45,6 +45,8 @@ pub struct GeometryCalibration {
     /// Covariance of the coefficients of one axis (terms, then rings), row by row; those of the other axis have the same,
     /// and the two are independent.
     pub covariance: Vec<f64>,
+    /// Standard deviation that the rings' coefficients had before any data, at the covariance's scale, tangent plane.
+    pub rings_prior_sigma: f64,
     /// Magnitude of a white pixel at full count, L = 0.
     pub brightest_magnitude: f64,
     /// D at the reference.
@@ -190,6 +192,7 @@ pub fn calibrate(
         response: options.response.as_ref().map(|measured| measured.record.clone()),
         warnings: warnings(&inverse, setup),
         covariance: (0..n * n).map(|at| reduced * covariance[(at / n, at % n)]).collect(),
+        rings_prior_sigma: RING_SIGMA * reduced.sqrt(),
         brightest_magnitude: magnitude_of_irradiance(response.brightest_w_m2_nm()),
         inverse,
         physical,

@@ -152,7 +152,7 @@ pub(crate) struct Basis {
 
 /// What a ring may move its points by, as a standard deviation, tangent plane: 200 arcsec, against points of some arcsec next
 /// to nothing. Where rings and polynomials are nearly the same, it keeps both small.
-const RING_SIGMA: f64 = 1e-3;
+pub(crate) const RING_SIGMA: f64 = 1e-3;
 
 impl Domain {
     /// Without a centre there are no rings.

@@ -105,7 +105,12 @@ pub fn to_json(result: &GeometryCalibration, setup: &Setup) -> Value {
         "range_log10_irradiance": inverse.range_log10_irradiance,
         "rings": inverse.rings.as_ref().map(|field| {
             let rings = field.rings;
-            json!({ "center": rings.center.to_array(), "radius": rings.radius, "intervals": rings.intervals })
+            json!({
+                "center": rings.center.to_array(),
+                "radius": rings.radius,
+                "intervals": rings.intervals,
+                "prior_sigma": result.rings_prior_sigma,
+            })
         }),
         "coefficients": coefficients,
         "covariance": result.covariance.chunks(n).map(<[f64]>::to_vec).collect::<Vec<_>>(),
