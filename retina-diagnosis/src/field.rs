@@ -2,6 +2,8 @@
 //! good thing, Statistical Science 6, 1991): what its coefficients' covariance leaves open, and smooth modes beyond its
 //! polynomial's degree for what that cannot follow, whose size is estimated from the data.
 
+use std::sync::Arc;
+
 use glam::{DMat2, DVec2};
 use retina_formats::Calibration;
 use retina_geometry::InverseDistortion;
@@ -53,7 +55,7 @@ impl Held {
 /// A geometric calibration with the rows it was applied to.
 #[derive(Debug, Clone)]
 pub(crate) struct HeldModel {
-    inverse: Option<InverseDistortion>,
+    inverse: Option<Arc<InverseDistortion>>,
     covariance: Option<Vec<f64>>,
     degree: u32,
     /// For each row: the model's line of sight.
@@ -79,7 +81,7 @@ impl HeldModel {
         };
         let held = |l: &f64| calibration.inverse.as_ref().map_or(*l, |inverse| inverse.held(*l));
         Self {
-            inverse: calibration.inverse.clone(),
+            inverse: calibration.inverse.clone().map(Arc::new),
             covariance: calibration.covariance.clone(),
             degree: degree.max(1),
             sight,

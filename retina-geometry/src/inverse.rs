@@ -110,7 +110,7 @@ impl InverseDistortion {
     }
 
     /// D^-1(r, L) with L as it is. Beyond the calibrated field, where a high degree would turn back into it, it goes on from
-    /// the nearest line of sight in the field: with the derivative there as far as [`EDGE`] of the field's radius, then with
+    /// the nearest line of sight in the field: with the derivative there for 2 % of the field's radius, then with
     /// that of the field's middle.
     pub fn undistort(&self, line_of_sight: DVec2, log10_irradiance: f64) -> DVec2 {
         match self.field.map(|field| (field, field.held(line_of_sight))) {
