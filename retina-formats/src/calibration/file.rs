@@ -86,7 +86,8 @@ pub struct FieldRecord {
     pub radius: f64,
 }
 
-/// Added to r_u: for the cubic B-splines B of |r - center| about 2 h, 3 h, ... radius + h, h = radius / rows, x gains (a_x dx + a_y dy) B, y gains (b_x dx + b_y dy) B, with (dx, dy) = (r - center) / radius.
+/// Added to r_u, for the cubic B-splines B of |r - center| about 2 h, 3 h, ... radius + h, with h = radius / rows:
+/// x gains (a_x dx + a_y dy) B, y gains (b_x dx + b_y dy) B, where (dx, dy) = (r - center) / radius.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RingsRecord {

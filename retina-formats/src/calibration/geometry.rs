@@ -24,8 +24,8 @@ pub struct Calibration {
     pub distortion: Distortion,
     /// D^-1 as it was fitted, for points of light; absent in calibrations that state D alone.
     pub inverse: Option<InverseDistortion>,
-    /// Covariance of the coefficients a of the inverse's terms and then of its rings, and again of b, row by row; absent where the file has
-    /// none.
+    /// Covariance of the coefficients a of the inverse's terms and then of its rings, and again of b, row by row; absent
+    /// where the file has none.
     pub covariance: Option<Vec<f64>>,
     /// The display's measured response; absent where the setup's power law holds.
     pub response: Option<MeasuredResponse>,
