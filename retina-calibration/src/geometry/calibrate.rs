@@ -40,7 +40,8 @@ pub struct GeometryCalibration {
     pub warnings: Vec<String>,
     /// The form of D^-1.
     pub form: ModelForm,
-    /// D^-1 with the coefficients of its terms (gamma of the paper) and rings, the range of L, and the L at which D is given.
+    /// D^-1 with the coefficients of its terms (gamma of the paper) and rings, its range of L, and the L at which D is
+    /// given.
     pub inverse: InverseDistortion,
     /// Covariance of the coefficients of one axis (terms, then rings), row by row; those of the other axis have the same,
     /// and the two are independent.

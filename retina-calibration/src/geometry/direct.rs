@@ -27,9 +27,9 @@ const WANTED_ARCSEC: f64 = 0.01;
 /// heavier ones are for where it does not.
 const BEYOND_WEIGHTS: [f64; 4] = [1e-4, 1e-3, 1e-2, 0.1];
 
-/// Fits D of the lowest degree that undoes `inverse` (D^-1, at its reference irradiance) over its field to 0.01 arcsec, or else the best there is: rings are
-/// followed as far as polynomials do. `None` where D^-1 cannot be inverted somewhere on the screen, or every D folds over
-/// there.
+/// Fits D of the lowest degree that undoes `inverse` (D^-1, at its reference irradiance) over its field to 0.01 arcsec, or
+/// else the best there is: rings are followed as far as polynomials do. `None` where D^-1 cannot be inverted somewhere on
+/// the screen, or every D folds over there.
 pub(crate) fn fit(inverse: &InverseDistortion, screen: &Pinhole) -> Option<DirectFit> {
     let field = inverse.field?;
     let reference = inverse.reference_log10_irradiance;

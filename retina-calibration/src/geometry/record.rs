@@ -106,8 +106,8 @@ fn provenance(result: &GeometryCalibration, table: &PointsTable, setup: &Setup) 
     let percentiles = PERCENTILES.iter().zip(result.heldout.percentiles_arcsec);
     let percentiles = percentiles.map(|(percent, value)| (percent.to_string(), error(value)));
     put("heldout_percentiles_arcsec", Value::Table(percentiles.collect()));
-    // Degree in x and y, degree of L's coefficients, highest power of L, intervals of the rings, error of exposures left out (arcsec per axis),
-    // standard errors behind the best.
+    // Degree in x and y, degree of L's coefficients, highest power of L, intervals of the rings, error of exposures left out
+    // (arcsec per axis), standard errors behind the best.
     let rungs = result.ladder.iter().map(|rung| {
         let form = rung.form;
         let powers = [form.degree, form.irradiance_degree, form.irradiance_power, form.rings];

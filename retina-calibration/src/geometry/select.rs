@@ -74,8 +74,8 @@ pub(crate) fn widest(observations: &Observations, plain: bool) -> ModelForm {
     form
 }
 
-/// Every form within the widest, without and with rings, judged by the folds; the rungs in order of their coefficients, and the chosen one:
-/// the smallest that is not worse than the best by more than one standard error.
+/// Every form within the widest, without and with rings, judged by the folds; the rungs in order of their coefficients, and
+/// the chosen one: the smallest that is not worse than the best by more than one standard error.
 pub(crate) fn ladder(
     observations: &Observations,
     groups: &[Vec<usize>],
