@@ -6,7 +6,7 @@ use retina_optics::facility::{
     Chebyshev2, Imaging, Kernel, KernelFrame, KernelGrid, SpectralLine, TILT, WAVEFRONT_TERMS, tangents,
 };
 
-use super::place::POINTING;
+use super::place::BEYOND;
 use super::windowed::Sampling;
 use super::{CameraPose, FUNCTIONS, OpticsDetail, PointImage, added, middle_line};
 use crate::{BenchError, Display, Imperfections};
@@ -122,7 +122,8 @@ impl Kernels {
         let pixel_fill = shapes.wrong.pixel_fill;
         let fill = if pixel_fill > 0.0 { pixel_fill } else { 1.0 };
         let count = detail.nodes[0] * detail.nodes[1];
-        let (origin_px, span_px) = covering(camera, size_px);
+        let size = DVec2::from_array(size_px.map(|size| size as f64));
+        let (origin_px, span_px) = (-0.5 * BEYOND * size, (1.0 + BEYOND) * size);
         let at_node = |node: usize| {
             let at = [0, 1].map(|k| [node % detail.nodes[0], node / detail.nodes[0]][k] as f64);
             origin_px + DVec2::from_array([0, 1].map(|k| at[k] / (detail.nodes[k] - 1) as f64)) * span_px
@@ -201,16 +202,6 @@ impl Kernels {
             (below + 1, fx * fy),
         ]
     }
-}
-
-/// The first node and the extent of all: they cover the sensor, and move with the facility's axis where the camera points a
-/// little aside. What blending between nodes leaves then stays where it is in the facility, and does not look like the
-/// pointing's work.
-fn covering(camera: &CameraPose, size_px: [usize; 2]) -> (DVec2, DVec2) {
-    let size = DVec2::from_array(size_px.map(|size| size as f64));
-    let margin = POINTING / 2.0 * size;
-    let moved = camera.pixel([0.0; 2]) - DVec2::new(camera.pinhole.cx_px, camera.pinhole.cy_px);
-    (moved.clamp(-margin, margin) - margin, size + 2.0 * margin)
 }
 
 /// The point of the display (mm) whose light lands at a pixel, and d(pixel) / d(mm): rows x, y. By Newton's

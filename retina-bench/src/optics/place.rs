@@ -110,24 +110,19 @@ pub(super) fn half_screen_mm(
     let focal_mm = 1.0 / retina_optics::paraxial::Paraxial::primary(system)?.power().abs();
     let pinhole = setup.camera_pinhole();
     let (w, h) = (f64::from(pinhole.width_px), f64::from(pinhole.height_px));
-    let corners = [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)].map(DVec2::from);
-    let reach =
-        |of: &dyn Fn(DVec2) -> DVec2| corners.map(|c| of(c).abs()).into_iter().fold(DVec2::ZERO, DVec2::max);
-    let level = DVec2::from_angle(-camera.roll_rad);
-    let straight = reach(&|corner| level.rotate(pinhole.line_of_sight(corner)));
-    let pointed = reach(&|corner| camera.line_of_sight(corner));
-    let tan = |k: usize| {
-        let kept = (1.0 + POINTING) * straight[k];
-        if pointed[k] <= kept { kept } else { pointed[k] }
-    };
-    Ok([tan(0), tan(1)].map(|tan| (1.0 + DISTORTION) * focal_mm * tan))
+    let corners = [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)];
+    let mut half: [f64; 2] = [0.0; 2];
+    for (x, y) in corners {
+        let seen = camera.line_of_sight(DVec2::new(x, y));
+        half = [half[0].max(seen.x.abs()), half[1].max(seen.y.abs())];
+    }
+    // 4 % for distortion.
+    Ok(half.map(|tan| 1.04 * (1.0 + BEYOND) * focal_mm * tan))
 }
 
-/// Margin for distortion.
-const DISTORTION: f64 = 0.04;
-/// A camera that points this part of its half field aside sees through the same nodes as one that points straight: what
-/// interpolation between them leaves must not look like the pointing's work.
-pub(super) const POINTING: f64 = 0.02;
+/// Kernels are computed as far beyond the sensor, in parts of its half extents: the light of spots that land beside it
+/// reaches it.
+pub(super) const BEYOND: f64 = 0.02;
 
 /// How the camera stands, and its objective's geometry.
 #[derive(Debug, Clone, Copy, PartialEq)]
