@@ -27,8 +27,8 @@ pub(crate) struct Windowed {
     pub(crate) light_dn: f64,
     /// Weighted second moments xx, xy, yy, px^2.
     pub(crate) moments_px2: [f64; 3],
-    /// Sum of w^2 dx^2 over the window, and of the same times light: (x, y) means.
-    pub(crate) spread: [f64; 2],
+    /// Sums of w^2 d d^T over the window (xx, xy, yy, px^2), and of the same times light.
+    pub(crate) spread: [[f64; 3]; 2],
     /// Sum of w^2, and of w^2 times light.
     pub(crate) squares: [f64; 2],
     pub(crate) converged: bool,
@@ -184,12 +184,13 @@ fn measured(
     converged: bool,
 ) -> Option<Windowed> {
     let mut sums = [0.0f64; 6];
-    let mut noise = [0.0f64; 4];
+    let mut squares = [0.0f64; 2];
+    let mut spread = [[0.0f64; 3]; 2];
     for (row, &wy) in down.values().iter().enumerate() {
         let dy = down.offset(row, y);
         let pixels = &image.row(down.first + row)[across.first..across.first + across.count];
         let mut line = [0.0f64; 3];
-        let mut line_noise = [0.0f64; 4];
+        let mut line_noise = [[0.0f64; 3]; 2];
         for (column, (&wx, &value)) in across.values().iter().zip(pixels).enumerate() {
             if skip.contains(&[across.first + column, down.first + row]) {
                 continue;
@@ -201,10 +202,11 @@ fn measured(
             line[1] += weighted * dx;
             line[2] += weighted * dx * dx;
             let w2 = wx * wx;
-            line_noise[0] += w2;
-            line_noise[1] += w2 * light;
-            line_noise[2] += w2 * dx * dx;
-            line_noise[3] += w2 * dx * dx * light;
+            for (sums, factor) in line_noise.iter_mut().zip([w2, w2 * light]) {
+                sums[0] += factor;
+                sums[1] += factor * dx;
+                sums[2] += factor * dx * dx;
+            }
         }
         let w2 = wy * wy;
         sums[0] += wy * line[0];
@@ -213,10 +215,12 @@ fn measured(
         sums[3] += wy * line[2];
         sums[4] += wy * dy * line[1];
         sums[5] += wy * dy * dy * line[0];
-        noise[0] += w2 * line_noise[0];
-        noise[1] += w2 * line_noise[1];
-        noise[2] += 0.5 * w2 * (line_noise[2] + dy * dy * line_noise[0]);
-        noise[3] += 0.5 * w2 * (line_noise[3] + dy * dy * line_noise[1]);
+        for ((squares, spread), line) in squares.iter_mut().zip(&mut spread).zip(line_noise) {
+            *squares += w2 * line[0];
+            spread[0] += w2 * line[2];
+            spread[1] += w2 * dy * line[1];
+            spread[2] += w2 * dy * dy * line[0];
+        }
     }
     if sums[0] <= 0.0 {
         return None;
@@ -227,8 +231,8 @@ fn measured(
         y_px: y,
         light_dn: sums[0],
         moments_px2: [sums[3] / sums[0] - mx * mx, sums[4] / sums[0] - mx * my, sums[5] / sums[0] - my * my],
-        spread: [noise[2], noise[3]],
-        squares: [noise[0], noise[1]],
+        spread,
+        squares,
         converged,
     })
 }

@@ -274,6 +274,32 @@ pub(crate) fn shape(window: &Windowed, weight_sigma_px: f64) -> Option<(f64, f64
     Some((inverse.powf(-0.25), 1.0 - ((mean - half) / (mean + half)).max(0.0).sqrt()))
 }
 
+/// Signal-to-noise ratio from which on a spot's own moments say more than those that the window was made for: the
+/// ratio of the spread of M / s^2 among spots (0.1) to its noise (0.7 / SNR).
+const TOLD_SNR: f64 = 7.0;
+/// Least share of a shift that a window's mean is taken to follow.
+const LEAST_SHARE: f64 = 0.1;
+
+/// Standard deviation of the centroid, rms of the axes.
+///
+/// The window of width s ends where F = sum w f d = 0. With the light L = sum w f and the weighted moments M, a shift of
+/// the window changes F by -L (1 - M / s^2), so that the centroid's covariance is A S A^T / L^2, where S is the noise
+/// of F (`spread`: xx, xy, yy) and A = (1 - M / s^2)^-1. A long spot is less certain along than across.
+fn sigma_px(window: &Windowed, weight_sigma_px: f64, snr: f64, spread: [f64; 3]) -> f64 {
+    let told = snr * snr / (snr * snr + TOLD_SNR * TOLD_SNR);
+    let matched = 1.0 / (WEIGHT_RATIO + 1.0);
+    let [xx, xy, yy] = window.moments_px2.map(|m| told * m / (weight_sigma_px * weight_sigma_px));
+    let (a, b, c) = (xx + (1.0 - told) * matched, xy, yy + (1.0 - told) * matched);
+    // Along the spot's axes.
+    let angle = 0.5 * (2.0 * b).atan2(a - c);
+    let (mean, half) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));
+    let (sin, cos) = angle.sin_cos();
+    let along = spread[0] * cos * cos + 2.0 * spread[1] * cos * sin + spread[2] * sin * sin;
+    let across = spread[0] + spread[2] - along;
+    let variance = |moment: f64, noise: f64| noise.max(0.0) / (1.0 - moment).max(LEAST_SHARE).powi(2);
+    (0.5 * (variance(mean + half, along) + variance(mean - half, across))).sqrt() / window.light_dn
+}
+
 fn measure(
     image: &CameraImage,
     background: &Background,
@@ -297,10 +323,10 @@ fn measure(
     let weight = matched.sigma_px;
     let noise = background.alike() * background.noise_dn(start[0], start[1]);
     let per_dn = options.gain_e_per_dn.map_or(0.0, |gain| 1.0 / gain);
-    // Of a Gaussian spot in the window: its light is ratio / (ratio + 1) of the whole, and so is the
-    // weighted mean's share of a shift.
+    // Of a Gaussian spot in the window: its light is ratio / (ratio + 1) of the whole.
     let share = WEIGHT_RATIO / (WEIGHT_RATIO + 1.0);
     let variance = |sums: [f64; 2]| (noise * noise * sums[0] + per_dn * sums[1].max(0.0)).max(0.0);
+    let spread = [0, 1, 2].map(|k| noise * noise * window.spread[0][k] + per_dn * window.spread[1][k]);
     let flux = window.light_dn / share;
     let flux_sigma = variance(window.squares).sqrt() / share;
     let [px, py] = peak.pixel;
@@ -311,7 +337,7 @@ fn measure(
     let mut point = LightPoint {
         x_px: window.x_px,
         y_px: window.y_px,
-        sigma_px: variance(window.spread).sqrt() / (window.light_dn * share),
+        sigma_px: sigma_px(&window, weight, flux / flux_sigma, spread),
         flux_dn: flux,
         peak_dn: f64::from(image.at(px, py)) - background.level_dn(start[0], start[1]),
         saturated: plateau.is_some(),

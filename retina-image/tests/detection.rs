@@ -85,6 +85,48 @@ fn centroids_reach_the_bound_within_a_fifth_from_faint_to_bright() {
     }
 }
 
+/// A spot that is longer along a diagonal than across is less certain along it, and says so.
+#[test]
+fn long_spots_state_what_they_scatter_by() {
+    let (width, height) = (1280, 960);
+    let mut random = random(5);
+    let mut plane = vec![0.0; width * height];
+    let mut truth = Vec::new();
+    for row in 0..22 {
+        for column in 0..30 {
+            let at = [
+                40.0 * f64::from(column) + 45.0 + random.random::<f64>(),
+                40.0 * f64::from(row) + 45.0 + random.random::<f64>(),
+            ];
+            for part in -3..=3 {
+                let off = 0.8 * f64::from(part);
+                add_spot(&mut plane, width, [at[0] + off, at[1] + off], 600.0, 1.2);
+            }
+            truth.push(at);
+        }
+    }
+    let image = QUIET.expose(&plane, width, &mut random);
+    let found = detect_points(&image, &DetectOptions::default());
+    let (mut along, mut across, mut stated, mut count) = (0.0, 0.0, 0.0, 0.0);
+    for point in &found.points {
+        let off = |at: &[f64; 2]| [point.x_px - at[0], point.y_px - at[1]];
+        let nearest = truth.iter().map(off).min_by(|a, b| a[0].hypot(a[1]).total_cmp(&b[0].hypot(b[1])));
+        let [x, y] = nearest.unwrap();
+        if x.hypot(y) < 3.0 {
+            along += 0.5 * (x + y).powi(2);
+            across += 0.5 * (x - y).powi(2);
+            stated += point.sigma_px.powi(2);
+            count += 1.0;
+        }
+    }
+    assert!(count > 650.0, "{count} found");
+    let [along, across, stated] = [along, across, stated].map(|sum: f64| (sum / count).sqrt());
+    let found = (0.5 * (along * along + across * across)).sqrt();
+    println!("along {along:.5} px, across {across:.5}, both {found:.5}, stated {stated:.5}");
+    assert!(along > 1.5 * across, "{along} along, {across} across");
+    assert!((stated / found - 1.0).abs() < 0.08, "stated {stated}, found {found}");
+}
+
 #[test]
 fn pixel_phase_leaves_no_bias() {
     for sigma in [0.75, 1.0, 1.6, 3.0] {
