@@ -244,8 +244,13 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
             put(&term.name, column.clone());
         }
         if refined {
+            let mut beside = frame.with(&columns[best]);
             for (term, column) in variants[best].further.iter().zip(further) {
-                put(term.name.as_str(), column);
+                // One that the others make up already has no coefficient of its own.
+                if beside.score(std::slice::from_ref(&column)).rank() > 0 {
+                    beside = beside.with(std::slice::from_ref(&column));
+                    put(term.name.as_str(), column);
+                }
             }
         }
         for (k, column) in own.into_iter().enumerate() {

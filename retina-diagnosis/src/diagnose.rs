@@ -139,7 +139,7 @@ fn search(
     while found.accepted.len() < most && found.step() {}
 
     let (fit, steps) = loop {
-        let fit = crate::noise::robust_fit(data, &found.base);
+        let fit = found.fit();
         let steps = ladder(data, &baseline, &prepared, &found.accepted, &fit.weights);
         let Some(idle) = idle(&steps) else { break (fit, steps) };
         let name = prepared[found.accepted[idle].index].effect.name();
@@ -153,7 +153,7 @@ fn search(
     let noise = Noise::beside(scatter, data, &fit);
     let frame = Frame::weighted(data, &found.base, fit.weights);
     let levels = [found.level(LEVEL_FIRST[1], LEVEL_LATER[1]), LEVEL_LATER[1]];
-    let unexplained = unexplained(data, found.base.clone(), levels, FLOOR_NOISE, &flips);
+    let unexplained = unexplained(&frame, levels, FLOOR_NOISE, &flips);
     let outliers = frame.weights.outlier.iter().filter(|out| **out).count();
     let insufficient = too_little(data, &noise, &frame.weights);
     let verdict = Verdict::of(Findings {

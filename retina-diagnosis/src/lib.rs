@@ -50,6 +50,7 @@ mod unexplained;
 mod units;
 mod verdict;
 mod wander;
+mod whitening;
 
 pub use added::{AddedEffect, check_effects};
 pub use catalogue::{Effect, effects};

@@ -1,5 +1,7 @@
 //! Orthonormal bases of columns, grown one by one, and small symmetric systems.
 
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+
 /// A column that keeps less than this of its length beside the ones before it is not independent of them.
 const DEPENDENT: f64 = 1e-6;
 
@@ -37,6 +39,23 @@ pub(crate) fn matrix(columns: &[Vec<f64>]) -> faer::Mat<f64> {
             *to = *from;
         }
     }
+    out
+}
+
+/// A^T A, its lower triangle alone.
+pub(crate) fn gram_lower(a: &faer::Mat<f64>) -> faer::Mat<f64> {
+    let mut out = faer::Mat::<f64>::zeros(a.ncols(), a.ncols());
+    triangular::matmul(
+        out.as_mut(),
+        BlockStructure::TriangularLower,
+        faer::Accum::Replace,
+        a.transpose(),
+        BlockStructure::Rectangular,
+        a,
+        BlockStructure::Rectangular,
+        1.0,
+        faer::get_global_parallelism(),
+    );
     out
 }
 
@@ -113,7 +132,7 @@ impl Basis {
         }
         let mut q = matrix(columns);
         for _ in 0..2 {
-            let gram = q.transpose() * &q;
+            let gram = gram_lower(&q);
             // Without a factor the columns are dependent; Gram and Schmidt leave those out.
             let Some(l) = cholesky(&gram) else {
                 let mut out = Self::of(columns.iter().cloned());

@@ -7,9 +7,8 @@ use faer::linalg::solvers::{DenseSolveCore as _, Solve as _};
 
 use crate::data::{Dataset, Group};
 use crate::field::Field;
-use crate::linear::{cholesky, dot, least_squares, matrix};
+use crate::linear::{cholesky, dot, gram_lower, least_squares, matrix};
 use crate::series::median;
-use crate::units::in_time;
 
 /// Rows further off than this many sigmas are outliers: of a normal error in the plane 4e-5, on a line 7e-6.
 const OUTLIER_SIGMAS: f64 = 4.5;
@@ -34,6 +33,7 @@ pub(crate) struct Weights {
 }
 
 /// A robust fit of columns.
+#[derive(Clone)]
 pub(crate) struct RobustFit {
     /// y minus the columns.
     pub(crate) residual: Vec<f64>,
@@ -52,130 +52,7 @@ impl Weights {
         }
     }
 
-    /// V^(-1/2) of a column, followed by the 0 that it is to each part of the calibration's error.
-    pub(crate) fn whitened(&self, data: &Dataset, column: &[f64]) -> Vec<f64> {
-        let mut out = Vec::with_capacity(column.len() + data.field_len());
-        out.extend_from_slice(column);
-        self.whiten(data, &mut out);
-        out.resize(column.len() + data.field_len(), 0.0);
-        out
-    }
-
-    /// Whitened columns of the calibration's error, each with a row that holds it to its own size: least squares over
-    /// both is the mixed model's (C. R. Henderson, Biometrics 31, 1975).
-    pub(crate) fn whitened_field(&self, data: &Dataset) -> Vec<Vec<f64>> {
-        let columns = data.field().map_or_else(Vec::new, |f| f.columns(self.field_size).collect());
-        columns
-            .par_iter()
-            .enumerate()
-            .map(|(k, (column, size))| {
-                let mut out = self.whitened(data, column);
-                out[..column.len()].iter_mut().for_each(|value| *value *= size);
-                out[column.len() + k] = 1.0;
-                out
-            })
-            .collect()
-    }
-
-    /// V^(-1/2) of a column in place: root weights, and each group's common part weighed down by
-    /// 1 - (1 + variance * sum of weights)^(-1/2).
-    pub(crate) fn whiten(&self, data: &Dataset, column: &mut [f64]) {
-        self.whiten_rows_of(data, column);
-        let rho = data.wander;
-        self.levels(data, column, false, |level, before| (level - rho * before) / (1.0 - rho * rho).sqrt());
-    }
-
-    /// The same before groups follow each other.
-    pub(crate) fn whiten_rows_of(&self, data: &Dataset, column: &mut [f64]) {
-        match data.kind.components() {
-            1 => self.whiten_rows::<1>(data, column),
-            _ => self.whiten_rows::<2>(data, column),
-        }
-    }
-
-    /// Most of a diagnosis's time goes by here.
-    fn whiten_rows<const N: usize>(&self, data: &Dataset, column: &mut [f64]) {
-        for group in &data.groups {
-            let weights = &self.weight[group.rows.clone()];
-            let (rows, _) = column[group.rows.start * N..group.rows.end * N].as_chunks_mut::<N>();
-            let sum: f64 = weights.iter().sum();
-            if sum <= 0.0 {
-                rows.iter_mut().for_each(|row| *row = [0.0; N]);
-                continue;
-            }
-            let mut mean = [0.0; N];
-            for (weight, row) in weights.iter().zip(rows.iter()) {
-                for axis in 0..N {
-                    mean[axis] += weight * row[axis];
-                }
-            }
-            let kappa = self.kappa(sum);
-            let mean = mean.map(|m| m * (kappa / sum));
-            for (weight, row) in weights.iter().zip(rows) {
-                let root = weight.sqrt();
-                for axis in 0..N {
-                    row[axis] = root * (row[axis] - mean[axis]);
-                }
-            }
-        }
-    }
-
-    /// Replaces the groups' levels of a whitened column, one after the other in time; nothing where groups do not follow
-    /// each other. A level is the part of a group's rows along the roots of their weights. `next` makes the new level of
-    /// the old one and of the level before it: that before it was replaced, or, with `replaced`, after.
-    fn levels(&self, data: &Dataset, column: &mut [f64], replaced: bool, next: impl Fn(f64, f64) -> f64) {
-        if data.wander == 0.0 {
-            return;
-        }
-        let n = data.kind.components();
-        let mut before: Option<[f64; 2]> = None;
-        for g in in_time(data) {
-            let rows = data.groups[g].rows.clone();
-            let sum: f64 = self.weight[rows.clone()].iter().sum();
-            if sum <= 0.0 {
-                continue;
-            }
-            let mut kept = [0.0; 2];
-            for axis in 0..n {
-                let along: f64 =
-                    rows.clone().map(|row| self.weight[row].sqrt() * column[row * n + axis]).sum();
-                let old = along / sum.sqrt();
-                let new = before.map_or(old, |before| next(old, before[axis]));
-                kept[axis] = if replaced { new } else { old };
-                for row in rows.clone() {
-                    column[row * n + axis] += (new - old) / sum.sqrt() * self.weight[row].sqrt();
-                }
-            }
-            before = Some(kept);
-        }
-    }
-
-    /// From whitened errors back to errors times the root of the weights alone.
-    pub(crate) fn unwhiten(&self, data: &Dataset, column: &mut [f64]) {
-        let n = data.kind.components();
-        let rho = data.wander;
-        self.levels(data, column, true, |level, before| (1.0 - rho * rho).sqrt() * level + rho * before);
-        for group in &data.groups {
-            let sum: f64 = self.weight[group.rows.clone()].iter().sum();
-            if sum <= 0.0 {
-                continue;
-            }
-            let kappa = self.kappa(sum);
-            for axis in 0..n {
-                let along: f64 = group
-                    .rows
-                    .clone()
-                    .map(|row| self.weight[row].sqrt() * column[row * n + axis])
-                    .sum::<f64>()
-                    / sum;
-                for row in group.rows.clone() {
-                    column[row * n + axis] += kappa / (1.0 - kappa) * along * self.weight[row].sqrt();
-                }
-            }
-        }
-    }
-
-    fn kappa(&self, sum: f64) -> f64 {
+    pub(crate) fn kappa(&self, sum: f64) -> f64 {
         1.0 - 1.0 / (1.0 + self.jitter_variance * sum).sqrt()
     }
 
@@ -268,7 +145,7 @@ impl Weights {
         let mut all = self.whitened_field(data);
         all.extend(columns.iter().map(|column| self.whitened(data, column)));
         let a = matrix(&all);
-        let mut normal = a.transpose() * &a;
+        let mut normal = gram_lower(&a);
         for k in 0..all.len() {
             normal[(k, k)] *= 1.0 + RIDGE;
         }
@@ -298,7 +175,7 @@ impl Weights {
         all.push(self.whitened(data, &data.y));
         all.iter_mut().for_each(|column| column.truncate(length));
         let a = matrix(&all);
-        let gram = a.transpose() * &a;
+        let gram = gram_lower(&a);
         let last = all.len() - 1;
         let free = (self.kept() * data.kind.components()) as f64 - columns.len() as f64;
         let mut sigmas: Vec<f64> = self.sigma.clone();
@@ -309,7 +186,7 @@ impl Weights {
             let normal = faer::Mat::<f64>::from_fn(all.len(), all.len(), |i, j| {
                 let held = f64::from(u8::from(i == j && i < field));
                 let ridge = if i == j { 1.0 + RIDGE } else { 1.0 };
-                of(i) * of(j) * gram[(i, j)] * ridge + held
+                of(i) * of(j) * gram[(i.max(j), i.min(j))] * ridge + held
             });
             // The last entry of the factor is what y keeps beside all columns.
             let factor = cholesky(&normal)?;

@@ -2,7 +2,7 @@
 
 use retina_formats::{EffectId, PointsEffect, PowerEffect};
 
-use crate::catalogue::optical_centre_gain;
+use crate::catalogue::{STEADY, optical_centre_gain};
 use crate::data::{ARCSEC_PER_RAD, Dataset};
 use crate::estimate::Parameter;
 
@@ -185,6 +185,19 @@ fn of_points(
         }
         E::SubpixelOffset => {
             made("sub_pixel_offset", one(1.0 / 3.0)?, "px", "show each colour at its own sub-pixels".to_owned())
+        }
+        E::FluxShift if shape(STEADY).is_some() => {
+            let along = Along::of(parameters, 1.0)?;
+            let remedy = format!("centre the objective's elements, or calibrate anew: {}", along.text("um"));
+            let called = Some("coma all over the field");
+            let [value, sigma] = along.size();
+            Some(Physical { called, parameter: "coma_all_over_the_field", value, unit: "um", sigma, remedy })
+        }
+        E::FluxComa if shape(STEADY).is_some() => {
+            let [value, sigma] = one(1.0)?;
+            let remedy = "look for a lens that sits wrongly along the axis, or calibrate anew".to_owned();
+            let called = Some("coma of the objective");
+            Some(Physical { called, parameter: "coma_at_half_width", value, unit: "um", sigma, remedy })
         }
         E::FluxShift => {
             let along = Along::of(parameters, 2.0)?;

@@ -1,6 +1,8 @@
 //! The search of the diagnosis: effects are accepted one after the other, each by sign-flips of whole groups, and judged
 //! beside those accepted before.
 
+use std::collections::VecDeque;
+
 use rayon::prelude::*;
 use retina_formats::{EffectId, PowerEffect};
 
@@ -10,6 +12,7 @@ use crate::data::Dataset;
 use crate::diagnose::NotTestable;
 use crate::estimate::is_implausible;
 use crate::flips::{Flips, p_values};
+use crate::noise::{RobustFit, robust_fit};
 use crate::score::{Frame, HeldOut, Score};
 use crate::series::{Outlying, outlying};
 
@@ -84,9 +87,30 @@ pub(crate) struct Ranked {
     pub(crate) implausible: bool,
 }
 
+/// Robust fits that were asked for last: a step's last fit is the next one's first.
+struct Fits<'a> {
+    data: &'a Dataset,
+    kept: VecDeque<(Vec<Vec<f64>>, RobustFit)>,
+}
+
+/// Fits that are kept.
+const KEPT_FITS: usize = 2;
+
+impl Fits<'_> {
+    fn of(&mut self, columns: &[Vec<f64>]) -> &RobustFit {
+        let at = self.kept.iter().position(|(own, _)| own == columns).unwrap_or_else(|| {
+            self.kept.truncate(KEPT_FITS - 1);
+            self.kept.push_front((columns.to_vec(), robust_fit(self.data, columns)));
+            0
+        });
+        &self.kept[at].1
+    }
+}
+
 /// What was accepted so far.
 pub(crate) struct Search<'a> {
     data: &'a Dataset,
+    fits: Fits<'a>,
     prepared: &'a [Prepared<'a>],
     flips: &'a Flips,
     /// Whether something was found before the search.
@@ -114,6 +138,7 @@ impl<'a> Search<'a> {
     ) -> Self {
         Self {
             data,
+            fits: Fits { data, kept: VecDeque::new() },
             prepared,
             flips,
             later,
@@ -124,6 +149,16 @@ impl<'a> Search<'a> {
             first_ranking: None,
             group: None,
         }
+    }
+
+    /// Robust fit of what was accepted.
+    pub(crate) fn fit(&mut self) -> RobustFit {
+        self.fits.of(&self.base).clone()
+    }
+
+    fn frame(&mut self) -> Frame<'a> {
+        let weights = self.fits.of(&self.base).weights.clone();
+        Frame::weighted(self.data, &self.base, weights)
     }
 
     /// The level of the first effect, or of later ones.
@@ -160,8 +195,11 @@ impl<'a> Search<'a> {
                 continue;
             }
             let own = self.prepared[self.accepted[k].index].wide(self.data, self.accepted[k].variant);
-            let frame = Frame::fitted(self.data, &self.base);
-            if own.is_empty() || frame.held_out(&[]).beaten_by(&frame.held_out(&own)) <= REFINED {
+            if own.is_empty() {
+                continue;
+            }
+            let frame = self.frame();
+            if frame.held_out(&[]).beaten_by(&frame.held_out(&own)) <= REFINED {
                 continue;
             }
             self.base.extend(own.iter().cloned());
@@ -191,7 +229,7 @@ impl<'a> Search<'a> {
     pub(crate) fn step(&mut self) -> bool {
         let level = self.level(LEVEL_FIRST[0], LEVEL_LATER[0]);
         let (data, prepared) = (self.data, self.prepared);
-        let frame = Frame::fitted(data, &self.base);
+        let frame = self.frame();
         let ranking = rank(&frame, prepared, &self.excluded, self.flips);
         // An unexplained effect that groups have in common is taken for jitter at first, and looks weak beside it.
         let Some(best) = pick(&ranking, level, 0.0, &frame.held_out(&[])) else {
@@ -201,7 +239,7 @@ impl<'a> Search<'a> {
         // Noise and jitter once more, without what the best effect explains.
         let mut with_best = self.base.clone();
         with_best.extend(prepared[best.index].whole(data, best.variant));
-        let weights = Frame::fitted(data, &with_best).weights;
+        let weights = self.fits.of(&with_best).weights.clone();
         let frame = Frame::weighted(data, &self.base, weights);
         let ranking = rank(&frame, prepared, &self.excluded, self.flips);
         let Some(best) = pick(&ranking, level, FLOOR_NOISE, &frame.held_out(&[])) else {
@@ -259,12 +297,20 @@ fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: 
         .zip(&scores)
         .zip(&p)
         .filter_map(|((&index, scores), &p_value)| {
-            let (variant, score) =
-                scores.iter().enumerate().max_by(|a, b| a.1.deviate().total_cmp(&b.1.deviate()))?;
+            let forms = &prepared[index].variants;
+            let unreal = |v: usize| beyond(frame, &forms[v], &prepared[index].columns[v]);
+            // The likeliest of those that can be, else of all.
+            let mut order: Vec<usize> = (0..scores.len()).collect();
+            order.sort_by(|&a, &b| scores[b].deviate().total_cmp(&scores[a].deviate()));
+            let found = order.iter().copied().find(|&v| !unreal(v));
+            let implausible = found.is_none();
+            let variant = found.or_else(|| order.first().copied())?;
+            let (form, score) = (&forms[variant], &scores[variant]);
             let leading = frame.held_out(&prepared[index].columns[variant]);
             let mut better = false;
             let mut held_out = leading;
-            if !prepared[index].variants[variant].further.is_empty() {
+            // Further columns mend a form. Where its own amplitude cannot be, they would stand in for it.
+            if !form.further.is_empty() && !implausible {
                 let refined = frame.held_out(&prepared[index].whole(frame.data, variant));
                 better = held_out.beaten_by(&refined) > REFINED;
                 if better {
@@ -272,11 +318,9 @@ fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: 
                 }
             }
             let strength = score.strength(frame.components());
-            let form = &prepared[index].variants[variant];
             let columns = form.leading.len()
                 + if better { form.further.len() } else { 0 }
                 + usize::from(prepared[index].variants.len() > SEARCHED);
-            let implausible = beyond(frame, form, &prepared[index].columns[variant]);
             Some(Ranked {
                 index,
                 variant,
@@ -339,8 +383,12 @@ fn confusable(
     let searched = |r: &Ranked| {
         prepared[r.index].variants.len() > SEARCHED && r.held_out.total() >= best.held_out.total()
     };
-    let rivals: Vec<&Ranked> =
-        ranking.iter().filter(|r| r.index != best.index && r.p_value <= level && !searched(r)).collect();
+    // What nothing real has is no rival of what something has.
+    let real = |r: &Ranked| best.implausible || !r.implausible;
+    let rivals: Vec<&Ranked> = ranking
+        .iter()
+        .filter(|r| r.index != best.index && r.p_value <= level && !searched(r) && real(r))
+        .collect();
     let kept: Vec<bool> = rivals
         .par_iter()
         .map(|rival| {

@@ -1,6 +1,5 @@
 //! What is left when all effects have been tried: the columns on which errors still depend.
 
-use crate::data::Dataset;
 use crate::flips::{Flips, p_values};
 use crate::lags;
 use crate::pairs::{Look, Shared, look};
@@ -47,22 +46,21 @@ const WAVELENGTHS_PX: [f64; 4] = [50.0, 100.0, 200.0, 400.0];
 /// Screens of what is left, significant at `level`; the strongest is taken out before further ones are looked for at
 /// the level `later`. None weaker than `floor`, rms over noise, counts.
 pub(crate) fn unexplained(
-    data: &Dataset,
-    base: Vec<Vec<f64>>,
+    frame: &Frame<'_>,
     [level, later]: [f64; 2],
     floor: f64,
     flips: &Flips,
 ) -> Unexplained {
-    let frame = Frame::fitted(data, &base);
-    let all = screens(&frame);
+    let data = frame.data;
+    let all = screens(frame);
     // Two tests, of pixels three, the smallest p-value of which counts: it is corrected for their number (Z. Sidak, JASA
     // 62, 1967).
     let tests = if data.pixels().is_some() { 3.0 } else { 2.0 };
     let of_all = |p: f64| -(tests * (-p).ln_1p()).exp_m1();
     let p: Vec<f64> = screen_p_values(&all, flips).into_iter().map(of_all).collect();
-    let Look { mut shared, mut visible } = look(&frame, PAIRS_SEED, &WAVELENGTHS_PX, FLOOR_SHARED);
+    let Look { mut shared, mut visible } = look(frame, PAIRS_SEED, &WAVELENGTHS_PX, FLOOR_SHARED);
     if let Some(pixels) = data.pixels() {
-        let near = lags::look(&frame, pixels, FLOOR_SHARED);
+        let near = lags::look(frame, pixels, FLOOR_SHARED);
         shared.extend(near.shared);
         shared.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.deviate.total_cmp(&a.deviate)));
         visible = near.visible;
@@ -78,7 +76,7 @@ pub(crate) fn unexplained(
     let first = order.iter().find(|&&i| p[i] <= level && all[i].score.strength(components) >= floor);
     if let Some(&first) = first {
         covariates.extend(all[first].covariates.iter().cloned());
-        if depends_on_place(&frame, &all[first].covariates, level, floor, flips) {
+        if depends_on_place(frame, &all[first].covariates, level, floor, flips) {
             covariates.extend(["x".to_owned(), "y".to_owned()]);
         }
         // What remains beside the strongest names further columns.

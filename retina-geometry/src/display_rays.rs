@@ -1,9 +1,11 @@
-//! What the facility's lenses make of the display's depth, from its prescription.
+//! What the facility's lenses make of the display's depth and of coma, from its prescription.
 
 use crate::cubic_shares;
 
 /// Places at which dr/dz is tabulated, from the axis to the largest line of sight.
 pub const DEPTH_KNOTS: usize = 17;
+/// Comas whose effect is tabulated, mm at half the camera's width.
+pub const COMAS_MM: [f64; 6] = [-1e-3, -3e-4, -1e-4, 1e-4, 3e-4, 1e-3];
 
 /// Where lines of sight meet the display, and what its depth does to them, of a facility that is symmetric about its
 /// axis. With r the tangent of the line of sight and z the depth away from the lenses: height X(r) = r (h_0 + h_1 r^2 +
@@ -19,6 +21,14 @@ pub struct DisplayRays {
     pub half_tan: f64,
     /// (dr/dz) / r at equal steps of r from 0 to `half_tan`, 1/mm.
     pub tangent_per_depth: [f64; DEPTH_KNOTS],
+    /// What coma that grows with the line of sight adds to it, over r / u and the coma, at the same steps, for each of
+    /// [`COMAS_MM`] at u, half the camera's width: tangents per mm. Coma is path at the pupil's rim, of Zernike's
+    /// term (3 rho^2 - 2) rho cos phi. Bright cores do not move in proportion to it.
+    pub tangent_per_coma: [[f64; DEPTH_KNOTS]; COMAS_MM.len()],
+    /// What depth adds to that, 1/mm^2.
+    pub coma_per_depth: [[f64; DEPTH_KNOTS]; COMAS_MM.len()],
+    /// What weak coma that is the same all over the field adds, along the radius and across it: tangents per mm.
+    pub tangent_per_even_coma: [[f64; DEPTH_KNOTS]; 2],
 }
 
 impl DisplayRays {
@@ -30,14 +40,33 @@ impl DisplayRays {
     /// What a millimetre of depth adds to a line of sight of tangent r, over r: cubic between the table's places (Catmull
     /// and Rom's slopes), its last value beyond them.
     pub fn tangent_per_depth(&self, r: f64) -> f64 {
+        self.joined(&self.tangent_per_depth, r)
+    }
+
+    /// What one of [`COMAS_MM`] adds to the line of sight at the tangent r, over r / u and the coma; joined alike.
+    pub fn tangent_per_coma(&self, coma: usize, r: f64) -> f64 {
+        self.joined(&self.tangent_per_coma[coma], r)
+    }
+
+    /// What a millimetre of depth adds to that; joined alike.
+    pub fn coma_per_depth(&self, coma: usize, r: f64) -> f64 {
+        self.joined(&self.coma_per_depth[coma], r)
+    }
+
+    /// What even coma adds along the radius and across it; joined alike.
+    pub fn tangent_per_even_coma(&self, r: f64) -> [f64; 2] {
+        self.tangent_per_even_coma.each_ref().map(|table| self.joined(table, r))
+    }
+
+    fn joined(&self, table: &[f64; DEPTH_KNOTS], r: f64) -> f64 {
         let last = DEPTH_KNOTS - 1;
         let at = (r.abs() / self.half_tan * last as f64).min(last as f64);
         let cell = (at as usize).min(last - 1);
         // Even in r, and straight at the end.
         let value = |k: isize| match k {
-            k if k < 0 => self.tangent_per_depth[k.unsigned_abs()],
-            k if k as usize > last => 2.0 * self.tangent_per_depth[last] - self.tangent_per_depth[last - 1],
-            k => self.tangent_per_depth[k as usize],
+            k if k < 0 => table[k.unsigned_abs()],
+            k if k as usize > last => 2.0 * table[last] - table[last - 1],
+            k => table[k as usize],
         };
         let shares = cubic_shares(at - cell as f64);
         shares.iter().zip(cell as isize - 1..).map(|(share, k)| share * value(k)).sum()
@@ -89,7 +118,7 @@ fn even([a, b, c]: [f64; 3], r: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{DEPTH_KNOTS, DisplayRays};
+    use super::{COMAS_MM, DEPTH_KNOTS, DisplayRays};
 
     /// Against differences of the mapping itself, r h(r) = u h(0), solved by bisection.
     #[test]
@@ -98,6 +127,9 @@ mod tests {
             height_mm: [50.0, -30.0, 200.0],
             half_tan: 0.2,
             tangent_per_depth: [-0.02; DEPTH_KNOTS],
+            tangent_per_coma: [[0.0; DEPTH_KNOTS]; COMAS_MM.len()],
+            coma_per_depth: [[0.0; DEPTH_KNOTS]; COMAS_MM.len()],
+            tangent_per_even_coma: [[0.0; DEPTH_KNOTS]; 2],
         };
         let seen = |[x, y]: [f64; 2]| {
             let u = x.hypot(y);
@@ -130,7 +162,14 @@ mod tests {
         let half_tan = 0.2;
         let of = |r: f64| -0.01 + 0.3 * r * r;
         let tangent_per_depth = std::array::from_fn(|k| of(half_tan * k as f64 / (DEPTH_KNOTS - 1) as f64));
-        let lens = DisplayRays { height_mm: [50.0, 0.0, 0.0], half_tan, tangent_per_depth };
+        let lens = DisplayRays {
+            height_mm: [50.0, 0.0, 0.0],
+            half_tan,
+            tangent_per_depth,
+            tangent_per_coma: [[0.0; DEPTH_KNOTS]; COMAS_MM.len()],
+            coma_per_depth: [[0.0; DEPTH_KNOTS]; COMAS_MM.len()],
+            tangent_per_even_coma: [[0.0; DEPTH_KNOTS]; 2],
+        };
         for r in [0.0, 0.003, 0.0125, 0.111, 0.18] {
             assert!((lens.tangent_per_depth(r) - of(r)).abs() < 1e-12, "{r}");
             assert_eq!(lens.tangent_per_depth(r), lens.tangent_per_depth(-r));

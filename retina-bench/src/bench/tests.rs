@@ -306,6 +306,45 @@ fn depth_moves_spots_as_the_workbench_has_it() {
     assert!(part < 0.06, "{part}");
 }
 
+/// Coma of the objective, photographed, against the table that the workbench has, but for a change of scale. Coma turns the
+/// bright cores inwards in the middle of the field and at its edge, and outwards between.
+#[test]
+fn coma_moves_spots_as_the_workbench_has_it() {
+    let setup = setup("wide-fov.toml");
+    let detail = OpticsDetail { lines: 1, ..OpticsDetail::default() };
+    let pinhole = setup.camera_pinhole();
+    let half_width = 0.5 * 2048.0 / pinhole.fx_px;
+    let rays = crate::display_rays(&setup, 0.175).unwrap();
+    let with_coma = |path_mm: f64| {
+        let mut options = BenchOptions { detail, ..BenchOptions::default() };
+        options.wrong.objective.coma_mm = path_mm / half_width;
+        found(&Bench::new(&setup, &options).unwrap(), [255; 3])
+    };
+    let tangent = |seen: [f64; 2]| pinhole.line_of_sight(glam::DVec2::from(seen)).length();
+    let without = with_coma(0.0);
+    for coma in [3, 5] {
+        let path_mm = retina_geometry::COMAS_MM[coma];
+        let pairs: Vec<[f64; 2]> = without
+            .iter()
+            .zip(&with_coma(path_mm))
+            .map(|(without, with)| {
+                let r = tangent(without.1);
+                let measured = (tangent(with.1) - r) / (path_mm * r / half_width);
+                [measured, rays.tangent_per_coma(coma, r)]
+            })
+            .collect();
+        let mean = [0, 1].map(|k| pairs.iter().map(|p| p[k]).sum::<f64>() / pairs.len() as f64);
+        let (mut off, mut all) = (0.0, 0.0);
+        for [measured, expected] in &pairs {
+            off += (measured - mean[0] - expected + mean[1]).powi(2);
+            all += (measured - mean[0]).powi(2);
+        }
+        let part = (off / all).sqrt();
+        println!("{path_mm} mm: {part:.3}");
+        assert!(part < 0.3, "{path_mm} mm: {part}");
+    }
+}
+
 /// A camera that points aside sees the same facility turned: in the tables, and in its photographs as far as the place
 /// within a pixel moves what a detector finds.
 #[test]

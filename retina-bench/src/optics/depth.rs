@@ -1,8 +1,8 @@
-//! What the display's depth does to where a detector finds spots.
+//! What the display's depth and the objective's coma do to where a detector finds spots.
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 use rayon::prelude::*;
-use retina_geometry::{DEPTH_KNOTS, DisplayRays, Setup};
+use retina_geometry::{COMAS_MM, DEPTH_KNOTS, DisplayRays, Setup};
 use retina_optics::pupil::PupilPoint;
 use retina_optics::{Clipping, Launcher, OpticsError, RayBatch, Tracer};
 
@@ -13,10 +13,12 @@ use crate::{BenchError, Display};
 /// Half the depth over which the response is taken, mm: that of the edge of a display tilted by a tenth of a degree.
 /// (Cores do not move in proportion to the depth.)
 const DEPTH_MM: f64 = 0.02;
+/// Half the even coma over which the response is taken, mm of path at the pupil's rim.
+const EVEN_COMA_MM: f64 = 1e-4;
 /// Step of a line of sight for its derivatives, tangents.
 const STEP: f64 = 1e-4;
 
-/// What a setup's lenses make of the display's depth, by rays over the whole pupil at the channels' wavelengths, seen by a
+/// What a setup's lenses make of the display's depth and of coma, by rays over the whole pupil at the channels' wavelengths, seen by a
 /// detector. `half_tan` is the largest line of sight's tangent.
 ///
 /// # Errors
@@ -35,19 +37,30 @@ pub fn display_rays(setup: &Setup, half_tan: f64) -> Result<DisplayRays, BenchEr
         fans,
         pupil: pupil_points(),
         focal_px: setup.camera_pinhole().fx_px,
+        half_width_tan: 0.5 * f64::from(setup.camera.width_px) / setup.camera_pinhole().fx_px,
         display: Display::new(setup, 0),
     };
     let knots = (1..DEPTH_KNOTS)
         .into_par_iter()
         .map(|k| spots.response(half_tan * k as f64 / (DEPTH_KNOTS - 1) as f64))
         .collect::<Result<Vec<_>, _>>()?;
-    let mut tangent_per_depth = [0.0; DEPTH_KNOTS];
-    for (value, knot) in tangent_per_depth[1..].iter_mut().zip(&knots) {
-        *value = knot.tangent_per_depth;
-    }
-    // Even about the axis: a parabola through the first two.
-    tangent_per_depth[0] = (4.0 * tangent_per_depth[1] - tangent_per_depth[2]) / 3.0;
-    Ok(DisplayRays { height_mm: heights(half_tan, &knots), half_tan, tangent_per_depth })
+    let table = |of: &dyn Fn(&Response) -> f64| {
+        let mut table = [0.0; DEPTH_KNOTS];
+        for (value, knot) in table[1..].iter_mut().zip(&knots) {
+            *value = of(knot);
+        }
+        // Even about the axis: a parabola through the first two.
+        table[0] = (4.0 * table[1] - table[2]) / 3.0;
+        table
+    };
+    Ok(DisplayRays {
+        height_mm: heights(half_tan, &knots),
+        half_tan,
+        tangent_per_depth: table(&|knot| knot.tangent_per_depth),
+        tangent_per_coma: std::array::from_fn(|k| table(&|knot| knot.tangent_per_coma[k])),
+        coma_per_depth: std::array::from_fn(|k| table(&|knot| knot.coma_per_depth[k])),
+        tangent_per_even_coma: [0, 1].map(|k| table(&|knot| knot.tangent_per_even_coma[k])),
+    })
 }
 
 /// What a place of the display shows.
@@ -58,6 +71,10 @@ struct Response {
     height_over_tangent_mm: f64,
     /// What depth adds to the tangent, over it, 1/mm.
     tangent_per_depth: f64,
+    /// See [`DisplayRays`].
+    tangent_per_coma: [f64; COMAS_MM.len()],
+    coma_per_depth: [f64; COMAS_MM.len()],
+    tangent_per_even_coma: [f64; 2],
 }
 
 struct Spots {
@@ -67,6 +84,8 @@ struct Spots {
     pupil: Vec<PupilPoint>,
     pupil_radius_mm: f64,
     focal_px: f64,
+    /// Half the camera's width.
+    half_width_tan: f64,
     display: Display,
 }
 
@@ -101,23 +120,44 @@ impl Spots {
             .map(|((nm, _), _)| Sampling::blur_px(self.focal_px, *nm, self.pupil_radius_mm) / count)
             .sum::<f64>()
             .hypot(emission_px);
-        // Each ray of the place at a depth, to first order in the spot's size.
-        let seen = |depth_mm: f64| {
+        // A direction's cosines per its tangents, along the radius and across it.
+        let per_cosine = DVec2::new((1.0 + r * r).powf(1.5), (1.0 + r * r).sqrt());
+        // Each ray of the place at a depth, to first order in the spot's size. Coma C (3 rho^2 - 2) (e . p) turns the
+        // ray at the pupil's p by its gradient over the pupil's radius.
+        let seen = |depth_mm: f64, coma_mm: DVec2| {
             let rays: Vec<_> = all()
                 .flat_map(|(_, fan)| fan.iter().zip(&self.pupil))
                 .map(|(meeting, point)| {
                     let miss_mm = place_mm - meeting.at_mm - depth_mm * meeting.slope;
-                    let tangent = field + meeting.mm_per_tangent.inverse() * miss_mm;
+                    let p = DVec2::from(point.at);
+                    let turn = (3.0 * p.length_squared() - 2.0) * coma_mm + 6.0 * coma_mm.dot(p) * p;
+                    let tangent = field
+                        + meeting.mm_per_tangent.inverse() * miss_mm
+                        + per_cosine * turn / self.pupil_radius_mm;
                     ((tangent * self.focal_px).to_array(), point.weight)
                 })
                 .collect();
-            windowed_mean(&rays, blur_px)[0] / self.focal_px
+            DVec2::from(windowed_mean(&rays, blur_px)) / self.focal_px
         };
-        let tangent = seen(0.0);
+        let deep = |depth_mm: f64| seen(depth_mm, DVec2::ZERO).x;
+        let tangent = deep(0.0);
+        let part = r / self.half_width_tan;
+        let grown = |depth_mm: f64, coma_mm: f64| {
+            let coma = DVec2::new(coma_mm * part, 0.0);
+            (seen(depth_mm, coma).x - deep(depth_mm)) / (coma_mm * part)
+        };
+        let even = |axis: DVec2| {
+            let [plus, minus] = [1.0, -1.0].map(|sign| seen(0.0, sign * EVEN_COMA_MM * axis));
+            (plus - minus).dot(axis) / (2.0 * EVEN_COMA_MM)
+        };
         Ok(Response {
             tangent,
             height_over_tangent_mm: place_mm.x.abs() / tangent,
-            tangent_per_depth: (seen(DEPTH_MM) - seen(-DEPTH_MM)) / (2.0 * DEPTH_MM * tangent),
+            tangent_per_depth: (deep(DEPTH_MM) - deep(-DEPTH_MM)) / (2.0 * DEPTH_MM * tangent),
+            tangent_per_coma: COMAS_MM.map(|coma| grown(0.0, coma)),
+            coma_per_depth: COMAS_MM
+                .map(|coma| (grown(DEPTH_MM, coma) - grown(-DEPTH_MM, coma)) / (2.0 * DEPTH_MM)),
+            tangent_per_even_coma: [DVec2::X, DVec2::Y].map(even),
         })
     }
 

@@ -38,7 +38,7 @@ use retina_formats::{EffectId, TableKind};
 
 use crate::data::{Dataset, Term};
 
-pub(crate) use point_forms::optical_centre_gain;
+pub(crate) use point_forms::{STEADY, optical_centre_gain};
 pub(crate) use wide::{later_forms, wide};
 
 /// One form of an effect: its shape parameters fixed, linear in its amplitudes.

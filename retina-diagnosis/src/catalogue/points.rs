@@ -66,7 +66,7 @@ pub(super) fn entry(effect: PointsEffect) -> Entry {
             bow
         ),
         E::FluxComa => entry!(
-            "a g(L) r^p (x, y), L = log10 of the irradiance",
+            "a g(L) r^p (x, y), L = log10 of the irradiance; steady: a K(r) (x, y), K by rays through a window",
             "the facility's paper, Fig. 10",
             &["log10_irradiance", "r"],
             "1 to 15 arcsec",
@@ -74,7 +74,7 @@ pub(super) fn entry(effect: PointsEffect) -> Entry {
             flux_coma
         ),
         E::FluxShift => entry!(
-            "(a, b) g(L)",
+            "(a, b) g(L); steady: Q(r) (a, b) + (P(r) - Q(r)) ((a, b) . e) e on the radius e, P and Q by rays",
             "coma of a misaligned lens",
             &["log10_irradiance"],
             "0.5 to 5 arcsec",

@@ -5,6 +5,8 @@ use retina_formats::{Channel, EffectId, PointsEffect, PowerEffect};
 
 use crate::data::Dataset;
 
+use super::point_forms::{STEADY, coma_beside};
+
 /// The further columns of a form, beside its leading and further ones; none of an effect whose form is whole.
 pub(crate) fn wide(data: &Dataset, effect: EffectId, shape: &[(&'static str, f64)]) -> Vec<Vec<f64>> {
     match effect {
@@ -72,7 +74,28 @@ fn points(data: &Dataset, effect: PointsEffect, shape: &[(&'static str, f64)]) -
         |x, y| [0.0, x * x + y * y],
     ];
     let light = data.scaled("log10_irradiance").map(|(l, _)| l);
+    let steady = shape.iter().find(|(name, _)| *name == STEADY).map(|(_, coma_um)| *coma_um);
     match effect {
+        // Radial, of lenses as they are, and along one axis, of sub-pixels side by side, whose spots coma moves one by
+        // one. A tilt beside it is not its own.
+        E::FluxComa if let (Some(coma_um), Some(rays)) = (steady, &data.display) => {
+            let forms: [Placed; 10] = [
+                |x, y| [x * x + y * y, 0.0],
+                |x, y| [0.0, x * x + y * y],
+                |x, y| scaled(x, y, x.hypot(y)),
+                |x, y| scaled(x, y, x * x + y * y),
+                |x, y| scaled(x, y, x.hypot(y).powi(3)),
+                |x, y| scaled(x, y, x.hypot(y).powi(4)),
+                |x, y| scaled(x, y, x.hypot(y).powi(5)),
+                |x, y| scaled(x, y, x.hypot(y).powi(6)),
+                |x, y| scaled(x, y, x.hypot(y).powi(8)),
+                |x, y| scaled(x, y, x.hypot(y).powi(10)),
+            ];
+            let mut own = coma_beside(data, rays, coma_um);
+            own.extend(times(&one, &forms));
+            own
+        }
+        E::FluxShift if steady.is_some() => Vec::new(),
         E::ScreenTilt | E::CameraPointing => times(&one, &plane),
         E::Decentering | E::OpticalCentre => times(&one, &lens),
         E::ThinPrism => {
