@@ -1,9 +1,11 @@
 //! Which effect is missing: candidates tested, ranked, accepted one by one, until nothing is left to explain.
 
+use rayon::prelude::*;
+
 use crate::added::AddedEffect;
 use crate::catalogue::Effect;
 use crate::data::Dataset;
-use crate::estimate::{Implausible, Parameter, estimate, implausible};
+use crate::estimate::{Estimator, Implausible, Parameter, estimate, implausible};
 use crate::flips::Flips;
 use crate::kept::KeptEffect;
 use crate::next::{NextMeasurement, propose};
@@ -303,15 +305,14 @@ fn candidates(
     weights: &Weights,
     accepted: &[Accepted],
 ) -> Vec<Candidate> {
+    let beside = Estimator::new(data, baseline, weights);
     let mut out: Vec<Candidate> = ranking
-        .into_iter()
+        .into_par_iter()
         .map(|ranked| {
             let form = &prepared[ranked.index];
-            let mut columns = baseline.to_vec();
-            columns.extend(form.columns[ranked.variant].iter().cloned());
             let leading = &form.variants[ranked.variant].leading;
             let names = leading.iter().map(|term| term.name.clone()).collect();
-            let mut parameters = estimate(data, &columns, weights).named(baseline.len(), names);
+            let mut parameters = beside.with(&form.columns[ranked.variant]).named(baseline.len(), names);
             let ranges = leading.iter().map(|term| term.plausible);
             let implausible = implausible(parameters.iter().zip(ranges));
             for (name, value) in &form.variants[ranked.variant].shape {

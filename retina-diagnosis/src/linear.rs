@@ -1,5 +1,6 @@
 //! Orthonormal bases of columns, grown one by one, and small symmetric systems.
 
+use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 
 /// A column that keeps less than this of its length beside the ones before it is not independent of them.
@@ -163,8 +164,13 @@ impl Basis {
 
     /// Gram-Schmidt, twice, which keeps orthogonality to rounding (Bjoerck, BIT 7, 1967). False where the column
     /// depends on those before it.
-    pub(crate) fn push(&mut self, mut column: Vec<f64>) -> bool {
+    pub(crate) fn push(&mut self, column: Vec<f64>) -> bool {
         let before = dot(&column, &column).sqrt();
+        self.push_of(column, before)
+    }
+
+    /// The same of a column that had the length `before`.
+    fn push_of(&mut self, mut column: Vec<f64>, before: f64) -> bool {
         let mut along = vec![0.0; self.q.len()];
         for _ in 0..2 {
             for (q, along) in self.q.iter().zip(&mut along) {
@@ -187,6 +193,37 @@ impl Basis {
         true
     }
 
+    /// The directions, of `rows` rows, side by side.
+    pub(crate) fn side_by_side(&self, rows: usize) -> faer::Mat<f64> {
+        if self.q.is_empty() { faer::Mat::zeros(rows, 0) } else { matrix(&self.q) }
+    }
+
+    /// [`Self::push`] of several columns; `all` are the directions that there are, side by side.
+    pub(crate) fn push_all(&mut self, all: &faer::Mat<f64>, columns: &[Vec<f64>]) {
+        if columns.is_empty() {
+            return;
+        }
+        let before: Vec<f64> = columns.iter().map(|column| dot(column, column).sqrt()).collect();
+        let mut c = matrix(columns);
+        let mut along = faer::Mat::<f64>::zeros(all.ncols(), columns.len());
+        for _ in 0..2 {
+            let part = all.transpose() * &c;
+            matmul(c.as_mut(), faer::Accum::Add, all, &part, -1.0, faer::Par::Seq);
+            along += part;
+        }
+        let mut own = Self::default();
+        for (k, before) in before.into_iter().enumerate() {
+            if before == 0.0 || !own.push_of(c.col_as_slice(k).to_vec(), before) {
+                self.triangle.push(None);
+                continue;
+            }
+            let mut row = along.col_as_slice(k).to_vec();
+            row.extend(own.triangle.last().into_iter().flatten().flatten());
+            self.triangle.push(Some(row));
+        }
+        self.q.append(&mut own.q);
+    }
+
     /// What is left of a vector beside all columns.
     pub(crate) fn residual(&self, mut vector: Vec<f64>) -> Vec<f64> {
         for q in &self.q {
@@ -206,18 +243,25 @@ impl Basis {
 
     /// Covariance of the coefficients for unit variance: (R^T R)^-1, rows of dependent columns 0.
     pub(crate) fn covariance(&self) -> Vec<Vec<f64>> {
-        let n = self.triangle.len();
-        let inverse: Vec<Vec<f64>> = (0..self.q.len())
-            .map(|k| {
-                let mut unit = vec![0.0; self.q.len()];
-                unit[k] = 1.0;
-                self.back_substituted(unit)
-            })
-            .collect();
-        (0..n).map(|i| (0..n).map(|j| inverse.iter().map(|c| c[i] * c[j]).sum()).collect()).collect()
+        let rows = self.inverse_rows();
+        rows.iter().map(|a| rows.iter().map(|b| dot(a, b)).collect()).collect()
     }
 
-    fn back_substituted(&self, mut right: Vec<f64>) -> Vec<f64> {
+    /// R^-1, a row for each column that was put in, over all q; 0 for dependent ones.
+    pub(crate) fn inverse_rows(&self) -> Vec<Vec<f64>> {
+        let mut rows = vec![vec![0.0; self.q.len()]; self.triangle.len()];
+        for k in 0..self.q.len() {
+            let mut unit = vec![0.0; self.q.len()];
+            unit[k] = 1.0;
+            for (row, value) in rows.iter_mut().zip(self.back_substituted(unit)) {
+                row[k] = value;
+            }
+        }
+        rows
+    }
+
+    /// Coefficients of the columns that were put in, of what a vector is along each q.
+    pub(crate) fn back_substituted(&self, mut right: Vec<f64>) -> Vec<f64> {
         let mut out = vec![0.0; self.triangle.len()];
         let mut k = self.q.len();
         for (column, entry) in self.triangle.iter().enumerate().rev() {
@@ -247,6 +291,25 @@ pub(crate) fn solve_positive(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Columns one by one and together give the same coefficients, of dependent ones too.
+    #[test]
+    fn columns_pushed_together_are_those_pushed_one_by_one() {
+        let column = |a: f64| -> Vec<f64> { (0..9).map(|i| (a * f64::from(i)).sin() + 0.1 * a).collect() };
+        let mut one = Basis::of([column(0.3), column(1.1)]);
+        let mut other = one.clone();
+        let sum: Vec<f64> = column(0.3).iter().zip(column(2.0)).map(|(a, b)| 2.0 * a - b).collect();
+        let more = [column(2.0), sum, column(1.7)];
+        let all = matrix(&other.q);
+        other.push_all(&all, &more);
+        for column in more {
+            one.push(column);
+        }
+        let y = column(0.77);
+        let (a, b) = (one.coefficients(&y), other.coefficients(&y));
+        assert_eq!((one.q.len(), a.len(), a[3]), (4, 5, 0.0));
+        assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-11), "{a:?} {b:?}");
+    }
 
     /// y = 2 + 3 x on x = 0..3, by hand; the third column is the sum of the first two.
     #[test]

@@ -10,6 +10,7 @@
 use std::sync::OnceLock;
 
 use faer::linalg::matmul::matmul;
+use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Accum, Mat, Par};
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
@@ -17,7 +18,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::data::Dataset;
-use crate::linear::{Basis, dot, independent, matrix, solve_positive};
+use crate::linear::{Basis, cholesky, dot, independent, matrix, solve_positive};
 use crate::noise::{RobustFit, Weights, robust_fit};
 use crate::units::Units;
 
@@ -25,6 +26,8 @@ use crate::units::Units;
 const IDENTICAL: f64 = 1e-4;
 /// Units are left out in this many parts.
 const FOLDS: usize = 10;
+/// What is added to a diagonal, of columns of unit length.
+const LITTLE: f64 = 1e-9;
 /// Columns that are projected together.
 const BLOCK: usize = 24;
 
@@ -49,8 +52,8 @@ pub(crate) struct Frame<'d> {
 struct Fold {
     /// Ranges of rows, each with its unit.
     ranges: Vec<(std::ops::Range<usize>, usize)>,
-    gram: Mat<f64>,
-    right: Vec<f64>,
+    /// The base's normal equations without them: L of A = L L^T, and L^-1 of the right side; `None` where A has no factor.
+    normal: Option<(Mat<f64>, Mat<f64>)>,
 }
 
 /// Score of a candidate beside the base.
@@ -98,28 +101,25 @@ impl<'d> Frame<'d> {
     /// The base under weights that are given.
     pub(crate) fn weighted(data: &'d Dataset, base: &[Vec<f64>], weights: Weights) -> Self {
         let mut basis = Basis::spanning(&weights.whitened_field(data));
-        for column in base {
-            basis.push(weights.whitened(data, column));
-        }
-        let y = weights.whitened(data, &data.y);
+        let whitening = weights.whitening(data);
+        let columns: Vec<Vec<f64>> = base.iter().map(|column| whitening.of(column)).collect();
+        let y = whitening.of(&data.y);
+        basis.push_all(&basis.side_by_side(y.len()), &columns);
         Self::of(data, weights, basis, y)
     }
 
     /// The base with further columns.
     pub(crate) fn with(&self, columns: &[Vec<f64>]) -> Self {
         let mut basis = self.basis.clone();
-        for column in columns {
-            basis.push(self.weights.whitened(self.data, column));
-        }
+        let whitening = self.weights.whitening(self.data);
+        let whitened: Vec<Vec<f64>> = columns.iter().map(|column| whitening.of(column)).collect();
+        basis.push_all(&self.q, &whitened);
         Self::of(self.data, self.weights.clone(), basis, self.y.clone())
     }
 
     fn of(data: &'d Dataset, weights: Weights, basis: Basis, y: Vec<f64>) -> Self {
         let error = basis.residual(basis.residual(y.clone()));
-        let mut q = matrix(&basis.q);
-        if basis.q.is_empty() {
-            q = Mat::zeros(y.len(), 0);
-        }
+        let q = basis.side_by_side(y.len());
         Self { data, weights, units: Units::of(data), basis, q, y, error, folds: OnceLock::new() }
     }
 
@@ -189,7 +189,8 @@ impl<'d> Frame<'d> {
 
     /// Whitened columns without their part along the base, and their squares before.
     fn beside<'c>(&self, columns: impl Iterator<Item = &'c Vec<f64>>) -> (Mat<f64>, Vec<f64>) {
-        let whitened: Vec<Vec<f64>> = columns.map(|c| self.weights.whitened(self.data, c)).collect();
+        let whitening = self.weights.whitening(self.data);
+        let whitened: Vec<Vec<f64>> = columns.map(|c| whitening.of(c)).collect();
         let before = whitened.iter().map(|c| dot(c, c)).collect();
         let mut c = matrix(&whitened);
         let along = self.q.transpose() * &c;
@@ -272,15 +273,22 @@ impl<'d> Frame<'d> {
                         .flat_map(|&unit| self.units.of_unit(unit).map(move |range| (range, unit)))
                         .collect();
                     let k = self.q.ncols();
-                    let (mut gram, mut right) = (Mat::<f64>::zeros(k, k), vec![0.0; k]);
+                    let mut a = Mat::<f64>::zeros(k, k);
+                    let mut right = Mat::<f64>::from_fn(k, 1, |i, _| dot(&self.basis.q[i], &self.y));
                     for span in self.spans(&ranges) {
                         let q = self.q.subrows(span.start, span.len());
-                        matmul(gram.as_mut(), Accum::Add, q.transpose(), q, 1.0, Par::Seq);
-                        for (r, q) in right.iter_mut().zip(&self.basis.q) {
-                            *r += dot(&q[span.clone()], &self.y[span.clone()]);
+                        matmul(a.as_mut(), Accum::Add, q.transpose(), q, -1.0, Par::Seq);
+                        for (i, q) in self.basis.q.iter().enumerate() {
+                            right[(i, 0)] -= dot(&q[span.clone()], &self.y[span.clone()]);
                         }
                     }
-                    Fold { ranges, gram, right }
+                    // A direction that these groups alone have is left at 0.
+                    (0..k).for_each(|i| a[(i, i)] += 1.0 + LITTLE);
+                    let normal = cholesky(&a).map(|l| {
+                        solve_lower_triangular_in_place(l.as_ref(), right.as_mut(), Par::Seq);
+                        (l, right)
+                    });
+                    Fold { ranges, normal }
                 })
                 .collect()
         })
@@ -292,38 +300,51 @@ impl<'d> Frame<'d> {
     }
 
     /// Held-out errors of the base with further columns.
+    ///
+    /// With q the base's directions, d further ones and those of a fold taken off, the normal equations are
+    /// (A, B; B^T, D) (x, w) = (r, s). With A = L L^T, Y = L^-1 B and z = L^-1 r: (D - Y^T Y) w = s - Y^T z, and
+    /// x = L^-T (z - Y w).
     pub(crate) fn held_out(&self, columns: &[Vec<f64>]) -> HeldOut {
         let directions = self.directions(columns);
-        let base = self.basis.q.len();
-        let all: Vec<&Vec<f64>> = self.basis.q.iter().chain(&directions).collect();
-        let k = all.len();
-        let projections: Vec<f64> = all.iter().map(|q| dot(q, &self.y)).collect();
+        let (base, further) = (self.q.ncols(), directions.len());
+        let d = if further == 0 { Mat::zeros(self.y.len(), 0) } else { matrix(&directions) };
         let mut error = self.y[..self.data.y.len()].to_vec();
         let mut loss = vec![0.0; self.units.count];
         for fold in self.folds() {
             let spans = self.spans(&fold.ranges);
-            let over = |a: &[f64], b: &[f64]| -> f64 {
-                spans.iter().map(|span| dot(&a[span.clone()], &b[span.clone()])).sum()
-            };
-            let mut normal = vec![0.0; k * k];
-            for i in 0..k {
-                for j in 0..=i {
-                    let left_out = if i < base { fold.gram[(i, j)] } else { over(all[i], all[j]) };
-                    let value = f64::from(u8::from(i == j)) - left_out;
-                    normal[i * k + j] = value;
-                    normal[j * k + i] = value;
+            let mut across = Mat::<f64>::zeros(base, further);
+            let mut own = Mat::<f64>::identity(further, further);
+            let mut right = Mat::<f64>::from_fn(further, 1, |i, _| dot(&directions[i], &self.y));
+            for span in &spans {
+                let [q, d] = [&self.q, &d].map(|all| all.subrows(span.start, span.len()));
+                matmul(across.as_mut(), Accum::Add, q.transpose(), d, -1.0, Par::Seq);
+                matmul(own.as_mut(), Accum::Add, d.transpose(), d, -1.0, Par::Seq);
+                for (i, direction) in directions.iter().enumerate() {
+                    right[(i, 0)] -= dot(&direction[span.clone()], &self.y[span.clone()]);
                 }
-                // A direction that these groups alone have is left at 0.
-                normal[i * k + i] += 1e-9;
             }
-            let right: Vec<f64> = (0..k)
-                .map(|i| projections[i] - if i < base { fold.right[i] } else { over(all[i], &self.y) })
-                .collect();
-            // The matrix is a Gram matrix plus a small positive diagonal.
-            let coefficients = solve_positive(&normal, &right).unwrap_or_else(|| vec![0.0; k]);
+            let solved = fold.normal.as_ref().and_then(|(l, z)| {
+                solve_lower_triangular_in_place(l.as_ref(), across.as_mut(), Par::Seq);
+                let normal = &own - across.transpose() * &across;
+                let right = &right - across.transpose() * z;
+                let normal: Vec<f64> = (0..further * further)
+                    .map(|at| {
+                        normal[(at / further, at % further)]
+                            + if at / further == at % further { LITTLE } else { 0.0 }
+                    })
+                    .collect();
+                let right: Vec<f64> = (0..further).map(|i| right[(i, 0)]).collect();
+                let w = solve_positive(&normal, &right)?;
+                let w = Mat::<f64>::from_fn(further, 1, |i, _| w[i]);
+                let mut x = z - &across * &w;
+                solve_upper_triangular_in_place(l.transpose(), x.as_mut(), Par::Seq);
+                Some((x, w))
+            });
             for ((_, unit), span) in fold.ranges.iter().zip(&spans) {
-                for (q, c) in all.iter().zip(&coefficients) {
-                    error[span.clone()].iter_mut().zip(&q[span.clone()]).for_each(|(e, q)| *e -= c * q);
+                if let Some((x, w)) = &solved {
+                    let predicted =
+                        self.q.subrows(span.start, span.len()) * x + d.subrows(span.start, span.len()) * w;
+                    error[span.clone()].iter_mut().zip(predicted.col_as_slice(0)).for_each(|(e, p)| *e -= p);
                 }
                 loss[*unit] += dot(&error[span.clone()], &error[span.clone()]);
             }
