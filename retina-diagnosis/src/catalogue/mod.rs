@@ -30,6 +30,7 @@ mod phase;
 mod point_forms;
 mod points;
 mod power;
+mod traced;
 mod wide;
 
 use std::sync::LazyLock;
@@ -38,7 +39,8 @@ use retina_formats::{EffectId, TableKind};
 
 use crate::data::{Dataset, Term};
 
-pub(crate) use point_forms::{STEADY, optical_centre_gain};
+pub(crate) use point_forms::optical_centre_gain;
+pub(crate) use traced::STEADY;
 pub(crate) use wide::{later_forms, wide};
 
 /// One form of an effect: its shape parameters fixed, linear in its amplitudes.

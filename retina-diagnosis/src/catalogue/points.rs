@@ -3,9 +3,10 @@
 use retina_formats::PointsEffect;
 
 use super::point_forms::{
-    background, bow, camera_phase, decentering, drift, flux_coma, flux_shift, knock, lateral_colour,
-    optical_centre, radial, roll_drift, row_load, screen_phase, subpixel, thermal, thin_prism, tilt, wedge,
+    background, camera_phase, decentering, drift, knock, lateral_colour, optical_centre, radial, roll_drift,
+    row_load, screen_phase, subpixel, thermal, thin_prism, wedge,
 };
+use super::traced::{bow, flux_coma, flux_shift, tilt};
 use super::{Entry, plain};
 
 const ROLL: Option<(&str, &str)> = Some(("camera_roll", "90 deg"));

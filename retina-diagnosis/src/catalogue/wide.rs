@@ -5,7 +5,7 @@ use retina_formats::{Channel, EffectId, PointsEffect, PowerEffect};
 
 use crate::data::Dataset;
 
-use super::point_forms::{STEADY, coma_beside};
+use super::traced::{STEADY, coma_beside};
 
 /// The further columns of a form, beside its leading and further ones; none of an effect whose form is whole.
 pub(crate) fn wide(data: &Dataset, effect: EffectId, shape: &[(&'static str, f64)]) -> Vec<Vec<f64>> {

@@ -1,0 +1,197 @@
+//! Forms that rays through the setup's lenses give: the display's depth, and coma.
+
+use glam::DVec2;
+use retina_geometry::{COMAS_MM, DisplayRays};
+
+use crate::data::{ARCSEC_PER_RAD, Dataset, Term};
+
+use super::Variant;
+use super::point_forms::{pair, powers_of_l, radial_term, xy};
+
+/// What a depth that grows with a power of the display's height does to a line of sight, over what it would do if the
+/// lenses were a pinhole near the axis; 1 where the lenses are not known.
+fn plane_gain(data: &Dataset, x: f64, y: f64, power: i32) -> f64 {
+    data.display.map_or(1.0, |rays| {
+        let r = data.half_tan * x.hypot(y);
+        let height = rays.height_over_tangent_mm(r) / rays.height_over_tangent_mm(0.0);
+        height.powi(power) * rays.tangent_per_depth(r) / rays.tangent_per_depth(0.0)
+    })
+}
+
+pub(super) fn tilt(data: &Dataset, turns: bool) -> Vec<Term<'_>> {
+    let (x, y) = xy(data);
+    [(1.0, 0.0), (0.0, 1.0)]
+        .into_iter()
+        .zip(["a_arcsec", "b_arcsec"])
+        .map(|((a, b), name)| {
+            Term::new(name, move |i| {
+                // Axes of the camera, in the facility's frame.
+                let (sin, cos) = if turns { data.roll_rad[data.mounting[i]].sin_cos() } else { (0.0, 1.0) };
+                let along = (a * cos - b * sin) * x[i] + (a * sin + b * cos) * y[i];
+                let by = if turns { along } else { along * plane_gain(data, x[i], y[i], 1) };
+                [by * x[i], by * y[i]]
+            })
+        })
+        .collect()
+}
+
+pub(super) fn bow(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let (x, y) = xy(data);
+    let with = move |g: fn(f64, f64) -> f64| {
+        move |i: usize| {
+            let depth = g(x[i], y[i]) * plane_gain(data, x[i], y[i], 2);
+            [depth * x[i], depth * y[i]]
+        }
+    };
+    Ok(vec![Variant {
+        shape: Vec::new(),
+        leading: vec![
+            Term::new("a_arcsec", with(|x, y| x * x - y * y)),
+            Term::new("b_arcsec", with(|x, y| x * y)),
+        ],
+        // A saddle that is steeper or flatter at its rim.
+        further: vec![
+            Term::new("a_r2_arcsec", with(|x, y| (x * x - y * y) * (x * x + y * y))),
+            Term::new("b_r2_arcsec", with(|x, y| x * y * (x * x + y * y))),
+        ],
+    }])
+}
+
+/// Name of the shape of forms of coma that do not depend on the light: the coma they were traced for, um.
+pub(crate) const STEADY: &str = "steady";
+
+/// Factor by which a coma may differ from the one that its form was traced for.
+const MUCH: f64 = 2.5;
+
+/// What 1 um of one of the traced comas moves a place by, over the place (both in halves of the camera's width): arcsec;
+/// and what 1 mm of depth adds to it.
+fn coma_at(data: &Dataset, rays: &DisplayRays, coma: usize, place: DVec2) -> [f64; 2] {
+    let r = data.half_tan * place.length();
+    [rays.tangent_per_coma(coma, r), rays.coma_per_depth(coma, r)].map(|v| 1e-3 * ARCSEC_PER_RAD * v)
+}
+
+/// Coma that grows with the field, um at half the camera's width: a form for each of the comas that were traced, since
+/// bright cores do not move in proportion to it. Beside it the next coma's, and another focus, for lenses
+/// that are not quite those of the design.
+fn steady_coma(data: &Dataset, rays: DisplayRays) -> Vec<Variant<'_>> {
+    let (x, y) = xy(data);
+    let values = |coma: usize| -> (Vec<f64>, Vec<f64>) {
+        let at = |i: usize| coma_at(data, &rays, coma, DVec2::new(x[i], y[i]));
+        (0..x.len()).map(at).map(|[own, deep]| (own, deep)).unzip()
+    };
+    let all: Vec<(Vec<f64>, Vec<f64>)> = (0..COMAS_MM.len()).map(values).collect();
+    let outwards = |name: &str, values: Vec<f64>| radial_term(data, name.to_owned(), 0, Some(values));
+    (0..COMAS_MM.len())
+        .map(|coma| {
+            let own_um = 1e3 * COMAS_MM[coma];
+            let stronger = if own_um < 0.0 { coma.checked_sub(1) } else { Some(coma + 1) };
+            let more = stronger.and_then(|k| all.get(k)).map(|(next, _)| {
+                outwards("more_um", next.iter().zip(&all[coma].0).map(|(next, own)| next - own).collect())
+            });
+            let focus = outwards("focus_um_mm", all[coma].1.clone());
+            let mut leading = outwards("coma_um", all[coma].0.clone());
+            // The weakest is that of all weaker ones, too.
+            let weakest = COMAS_MM.iter().all(|c| c * own_um < 0.0 || c.abs() >= COMAS_MM[coma].abs());
+            let range = [if weakest { 0.0 } else { own_um / MUCH }, MUCH * own_um];
+            leading.plausible = Some([range[0].min(range[1]), range[0].max(range[1])]);
+            Variant {
+                shape: vec![(STEADY, own_um)],
+                leading: vec![leading],
+                further: more.into_iter().chain([focus]).collect(),
+            }
+        })
+        .collect()
+}
+
+/// What lenses that are off make of a coma: its field about another point along x, y, and with a focus that is tilted.
+pub(super) fn coma_beside(data: &Dataset, rays: &DisplayRays, coma_um: f64) -> Vec<Vec<f64>> {
+    /// Half a step, in halves of the camera's width.
+    const STEP: f64 = 0.01;
+    let (x, y) = xy(data);
+    let coma = (0..COMAS_MM.len()).find(|&k| 1e3 * COMAS_MM[k] == coma_um).unwrap_or(COMAS_MM.len() / 2);
+    let moved = |place: DVec2| coma_at(data, rays, coma, place)[0] * place;
+    let column = |of: &dyn Fn(DVec2) -> DVec2| -> Vec<f64> {
+        (0..x.len()).flat_map(|i| of(DVec2::new(x[i], y[i])).to_array()).collect()
+    };
+    [DVec2::X, DVec2::Y]
+        .iter()
+        .flat_map(|&axis| {
+            [
+                column(&|place| (moved(place + STEP * axis) - moved(place - STEP * axis)) / (2.0 * STEP)),
+                column(&|place| coma_at(data, rays, coma, place)[1] * place.dot(axis) * place),
+            ]
+        })
+        .collect()
+}
+
+/// Coma that is the same all over the field, along the camera's axes: Q c + (P - Q) (c . e) e on the radius e.
+fn steady_shift(data: &Dataset, rays: DisplayRays) -> Vec<Variant<'_>> {
+    let (x, y) = xy(data);
+    let term = |name: &str, axis: DVec2| {
+        Term::new(name, move |i| {
+            let coma = DVec2::from_angle(data.roll_rad[data.mounting[i]]).rotate(axis);
+            let place = DVec2::new(x[i], y[i]);
+            let [along, across] = rays
+                .tangent_per_even_coma(data.half_tan * place.length())
+                .map(|per_mm| 1e-3 * ARCSEC_PER_RAD * per_mm);
+            let radius = place.normalize_or_zero();
+            (across * coma + (along - across) * coma.dot(radius) * radius).to_array()
+        })
+    };
+    let leading = vec![term("a_um", DVec2::X), term("b_um", DVec2::Y)];
+    vec![Variant { shape: vec![(STEADY, 0.0)], leading, further: Vec::new() }]
+}
+
+/// Forms in the light, where it varies, and the steady one, where the lenses are known.
+fn with_steady<'a>(
+    data: &'a Dataset,
+    in_light: Result<Vec<Variant<'a>>, String>,
+    steady: fn(&'a Dataset, DisplayRays) -> Vec<Variant<'a>>,
+) -> Result<Vec<Variant<'a>>, String> {
+    let Some(rays) = data.display else { return in_light };
+    let mut forms = in_light.unwrap_or_default();
+    forms.extend(steady(data, rays));
+    Ok(forms)
+}
+
+pub(super) fn flux_coma(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    with_steady(data, coma_in_light(data), steady_coma)
+}
+
+fn coma_in_light(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let [l, l2, l3] = powers_of_l(data)?;
+    Ok([0, 1, 2]
+        .into_iter()
+        .map(|p| {
+            let mut further = Vec::new();
+            for q in [0, 1, 2, 4] {
+                for (k, g) in [&l, &l2, &l3].into_iter().enumerate() {
+                    if (q, k) != (p, 0) {
+                        further.push(radial_term(
+                            data,
+                            format!("l{}_r{q}_arcsec", k + 1),
+                            q,
+                            Some(g.clone()),
+                        ));
+                    }
+                }
+            }
+            Variant {
+                shape: vec![("power_of_r", f64::from(p))],
+                leading: vec![radial_term(data, "amplitude_arcsec".into(), p, Some(l.clone()))],
+                further,
+            }
+        })
+        .collect())
+}
+
+pub(super) fn flux_shift(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    with_steady(data, shift_in_light(data), steady_shift)
+}
+
+fn shift_in_light(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let [l, l2, l3] = powers_of_l(data)?;
+    let mut further = pair(l2, "2");
+    further.extend(pair(l3, "3"));
+    Ok(vec![Variant { shape: Vec::new(), leading: pair(l, ""), further }])
+}
