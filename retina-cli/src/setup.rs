@@ -7,9 +7,23 @@ use retina_geometry::Setup;
 
 use crate::output::tell;
 
+/// Setups that ship, by name.
+const SHIPPED: [(&str, &str); 2] =
+    [("wide-fov", retina::assets::WIDE_FOV_SETUP), ("narrow-fov", retina::assets::NARROW_FOV_SETUP)];
+
 /// Reads a setup, and says so where the calibration that it names is not there: a copy of a setup loses it easily, and
 /// nothing but a compensating command would notice.
+///
+/// The name of a setup that ships stands for it, where no file has that name; the calibration that it names is a file, and
+/// is left out.
 pub(crate) fn read_setup(path: &Path) -> Result<Setup, InputError> {
+    if let Some((name, text)) = SHIPPED.iter().find(|(name, _)| Path::new(name) == path)
+        && !path.exists()
+    {
+        let mut setup = Setup::parse(text, format!("{name}.toml").as_ref())?;
+        setup.calibration.file = None;
+        return Ok(setup);
+    }
     let setup = Setup::read(path)?;
     if let Some(missing) = setup.calibration_path().filter(|file| !file.exists()) {
         tell!(

@@ -34,10 +34,15 @@ fn rendered() -> Fixture {
     fixture
 }
 
+/// Bytes of FITS data with their padding.
+fn padded(bytes: usize) -> usize {
+    bytes.next_multiple_of(2880)
+}
+
 #[test]
 fn every_format_has_all_frames_and_the_same_bytes_again() {
     let fixture = rendered();
-    for format in ["speedplus", "bop", "webdataset", "coco", "fits"] {
+    for format in ["speedplus", "bop", "webdataset", "coco", "fits", "png16"] {
         assert_done(&export(&fixture, "frames", format, format));
         assert_done(&export(&fixture, "frames", format, "again"));
         assert_eq!(contents(&fixture.path(format)), contents(&fixture.path("again")), "{format}");
@@ -82,6 +87,20 @@ fn every_format_has_all_frames_and_the_same_bytes_again() {
     assert_eq!(document(&fixture, "bop/camera.json")["cx"], 79.5);
     let header = fs::read(fixture.path("fits/000000.fits")).unwrap();
     assert!(header.starts_with(b"SIMPLE  =                    T") && header.len().is_multiple_of(2880));
+    // The same radiance in 16 bits: more than half of the full scale is used, and each pixel is right to half a step.
+    let radiance: Vec<f32> = header[header.len() - padded(4 * 160 * 100)..]
+        .chunks_exact(4)
+        .map(|b| f32::from_be_bytes(b.try_into().unwrap()))
+        .collect();
+    let full =
+        document(&fixture, "png16/scales.json")["full_scale_w_m2_sr_nm"]["000000.png"].as_f64().unwrap();
+    let picture = image::open(fixture.path("png16/000000.png")).unwrap();
+    assert_eq!(picture.color(), image::ColorType::L16);
+    let picture = picture.into_luma16();
+    assert!(picture.pixels().map(|pixel| pixel.0[0]).max().unwrap() >= 32_767);
+    for (pixel, radiance) in picture.pixels().zip(&radiance) {
+        assert!((f64::from(pixel.0[0]) - f64::from(*radiance) / full * 65_535.0).abs() < 0.51);
+    }
     // Longer sequences keep the split.
     let names = |of: &Fixture| -> Vec<String> {
         let list = document(of, "speedplus/synthetic/validation.json");
@@ -108,6 +127,7 @@ fn what_cannot_be_exported_is_refused_and_leaves_nothing() {
     };
     refused("nowhere", &["nowhere", "holds no frames"]);
     assert_done(&fixture.render("frames", &[]));
+    assert_refused(&export(&fixture, "frames", "png16", "out"), &["frame 0", "no radiance"]);
     fixture.write("frames/truth/000003.json", "{}");
     refused("frames", &["frame 3", "not what its manifest says", "--resume"]);
     let share = retina()

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::frames::{Frame, Frames, is_validation};
 use crate::out::Out;
-use crate::{bop, coco, fits, speedplus, webdataset};
+use crate::{bop, coco, fits, png16, speedplus, webdataset};
 
 /// A format that others read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,6 +23,8 @@ pub enum Format {
     Coco,
     /// A FITS file a frame, with world coordinates.
     Fits,
+    /// A PNG of 16 bits a frame: its radiance.
+    Png16,
 }
 
 impl Format {
@@ -34,6 +36,7 @@ impl Format {
             Self::WebDataset => "webdataset",
             Self::Coco => "coco",
             Self::Fits => "fits",
+            Self::Png16 => "png16",
         }
     }
 }
@@ -98,6 +101,7 @@ pub fn export(
         Format::WebDataset => Box::new(webdataset::WebDataset::default()),
         Format::Coco => Box::new(coco::Coco::new(&options.licence)),
         Format::Fits => Box::new(fits::Fits),
+        Format::Png16 => Box::new(png16::Png16::default()),
     };
     let mut notes = Vec::new();
     if frames.missing > 0 {
@@ -135,8 +139,8 @@ fn first_notes(frame: &Frame, format: Format) -> Vec<String> {
     }
     let has_mask =
         frame.planes.as_ref().is_some_and(|planes| planes.channels.iter().any(|(name, _)| name == "mask"));
-    if !frame.truth.bodies.is_empty() && format != Format::Fits && (!has_mask || frame.truth.bodies.len() > 1)
-    {
+    let has_masks = !matches!(format, Format::Fits | Format::Png16);
+    if !frame.truth.bodies.is_empty() && has_masks && (!has_mask || frame.truth.bodies.len() > 1) {
         notes.push(
             "masks are the ellipses of the reference figures; a scene of one body with `layers = [\"mask\"]` gives its own \
              silhouette"

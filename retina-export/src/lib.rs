@@ -12,6 +12,7 @@ mod export;
 mod fits;
 mod frames;
 mod out;
+mod png16;
 mod silhouette;
 mod speedplus;
 mod webdataset;

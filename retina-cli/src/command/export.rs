@@ -21,6 +21,8 @@ enum FormatName {
     Coco,
     /// A FITS file a frame, with world coordinates.
     Fits,
+    /// A PNG of 16 bits a frame: its radiance.
+    Png16,
 }
 
 #[derive(clap::Args)]
@@ -56,6 +58,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             FormatName::Webdataset => Format::WebDataset,
             FormatName::Coco => Format::Coco,
             FormatName::Fits => Format::Fits,
+            FormatName::Png16 => Format::Png16,
         },
         validation: arguments.validation,
         seed: arguments.seed,
@@ -71,7 +74,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         tell!("note: {note}");
     }
     match options.format {
-        Format::Fits => tell!("{} frames; {}", training + validation, dir.display()),
+        Format::Fits | Format::Png16 => tell!("{} frames; {}", training + validation, dir.display()),
         _ => tell!("{training} frames for training, {validation} for validation; {}", dir.display()),
     }
     if arguments.json {

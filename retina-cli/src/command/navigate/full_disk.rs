@@ -140,7 +140,7 @@ impl Arguments {
         });
         let camera = kind.map_or(self.folder.images.is_some(), |kind| kind == ImageKind::Camera);
         let jitter_arcsec = match (&self.folder.setup, camera) {
-            (Some(setup), true) => retina_geometry::Setup::read(setup)?.noise.jitter_arcsec,
+            (Some(setup), true) => crate::setup::read_setup(setup)?.noise.jitter_arcsec,
             _ => 0.0,
         };
         let limb = LimbOptions {

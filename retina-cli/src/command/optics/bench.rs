@@ -13,6 +13,7 @@ use super::constraints::check;
 use super::{Output, write_file};
 use crate::failure::Failure;
 use crate::output::tell;
+use crate::setup::read_setup;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -128,7 +129,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let screen = match &arguments.screen_of {
         None => Screen::PAPER,
-        Some(path) => screen_of(&Setup::read(path)?),
+        Some(path) => screen_of(&read_setup(path)?),
     };
     let lenses = BenchLenses {
         collimator_focal_mm: arguments.f_c,

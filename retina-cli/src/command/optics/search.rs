@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use retina_files::InputError;
-use retina_geometry::Setup;
 use retina_optics::constraints::{BenchLimits, PaperModel};
 use retina_optics::design::{BenchLenses, MatchBy, bench_design};
 use retina_optics::search::{
@@ -19,6 +18,7 @@ use super::constraints::check;
 use super::{Output, write_file};
 use crate::failure::Failure;
 use crate::output::tell;
+use crate::setup::read_setup;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -219,7 +219,7 @@ fn request(arguments: &Arguments) -> Result<SearchRequest, Failure> {
     let paper = SearchRequest::paper(pupil_collimator_mm / arguments.f_c);
     let mut configurations = Vec::new();
     for path in &arguments.setup {
-        let setup = Setup::read(path)?;
+        let setup = read_setup(path)?;
         let (camera, screen) = camera_and_screen(&setup);
         let design = bench_design(&camera, &screen, &lenses, &BenchLimits::PAPER, arguments.match_by.into());
         configurations.push(Configuration::of_camera(&setup.name, &camera, design.layout.magnification));
