@@ -42,7 +42,7 @@ enum Command {
     Status(command::cluster::status::Arguments),
     /// Joins the shards of a scene into one folder, every file held to its hash.
     Merge(command::cluster::merge::Arguments),
-    /// Writes frames as a data set that others read: SPEED+, BOP, WebDataset, COCO, FITS.
+    /// Writes frames as a data set that others read: SPEED+, BOP, WebDataset, COCO, FITS, PNG of 16 bits.
     Export(command::export::Arguments),
     /// Renders poses received over the network, by CORTO's closed-loop protocol.
     Serve(command::serve::Arguments),

@@ -13,7 +13,7 @@ use crate::linear::{Basis, dot, solve_positive};
 use crate::noise::robust_fit;
 use crate::own::{OwnEffect, evaluate, readable_columns};
 use crate::score::{Frame, Score};
-use crate::search::{REFINED, WHOLE_GROUP};
+use crate::search::{REFINED, WHOLE_GROUP, likeliest};
 use crate::series::outlying;
 
 /// An effect added to the baseline.
@@ -220,13 +220,13 @@ pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
         let columns: Vec<Vec<Vec<f64>>> =
             variants.iter().map(|v| v.leading.iter().map(|t| data.column(t)).collect()).collect();
         let scores: Vec<f64> = frame.scores(&columns).iter().map(Score::deviate).collect();
-        let likeliest = || (0..variants.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b]));
         // Robust weights throw a series out whose level is wrong, and with it the form that would explain it.
         let off = if effect.id == WHOLE_GROUP {
             outlying(data, &robust_fit(data, &base).residual).map(|off| off.group)
         } else {
             None
         };
+        let likeliest = || likeliest(&frame, &variants, &columns, &scores).map(|(best, _)| best);
         let Some(best) = off.or_else(likeliest) else { continue };
         let further: Vec<Vec<f64>> = variants[best].further.iter().map(|t| data.column(t)).collect();
         let mut whole = columns[best].clone();

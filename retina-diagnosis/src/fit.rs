@@ -5,8 +5,8 @@ use std::path::Path;
 use rayon::prelude::*;
 use retina_files::InputError;
 
-use crate::added::{AddedEffect, Adjusted, adjusted};
-use crate::data::Dataset;
+use crate::added::{AddedEffect, Adjusted, SECOND_ORDERS, adjusted};
+use crate::data::{Dataset, Flip};
 use crate::estimate::{Parameter, estimate};
 use crate::linear::dot;
 use crate::noise::robust_fit;
@@ -14,7 +14,9 @@ use crate::own::evaluate;
 use crate::scatter::{Noise, noise};
 use crate::score::Frame;
 use crate::step::Step;
+use crate::sufficient::note_of_runs;
 use crate::uncertainty::correlation_of;
+use crate::units::flip_of;
 
 /// Effects and baseline fitted to a table.
 pub struct Fit {
@@ -90,7 +92,9 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
     let mut notes = data.notes.clone();
     for i in 0..n {
         for j in 0..i {
-            if owner[i].is_some() && correlation[i][j].abs() > HIGH_CORRELATION {
+            // Second orders are printed together, and share what they are by construction.
+            let own = [i, j].iter().any(|&k| names[k].contains(SECOND_ORDERS));
+            if owner[i].is_some() && !own && correlation[i][j].abs() > HIGH_CORRELATION {
                 notes.push(format!(
                     "{} and {} are correlated by {:.3}",
                     names[i], names[j], correlation[i][j]
@@ -119,11 +123,17 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
         effect.iter_mut().zip(values).for_each(|(sum, v)| *sum += v);
     }
 
+    // Of few exposures rows are left out, as in a diagnosis: of one, nothing else can be.
+    let flip = flip_of(data, &noise);
+    if flip == Flip::Rows {
+        let in_runs = Dataset { flip, ..data.clone() };
+        notes.extend(note_of_runs(&in_runs));
+    }
     let step = |count: usize| {
         let within = |index: Option<usize>| index.is_none_or(|index| index < count);
         let columns: Vec<Vec<f64>> =
             base.iter().zip(&owner).filter(|(_, o)| within(**o)).map(|(c, _)| c.clone()).collect();
-        let mut so_far = data.clone();
+        let mut so_far = Dataset { flip, ..data.clone() };
         for (index, values) in &user_values {
             if *index < count {
                 so_far.y.iter_mut().zip(values).for_each(|(y, v)| *y -= v);

@@ -140,7 +140,7 @@ fn covariance(
         .iter()
         .map(|&row| {
             let mut out = vec![0.0; side];
-            inverse.fill(DVec2::new(x[row], y[row]), inverse.held(l[row]), &mut out);
+            inverse.fill(data.half_tan * DVec2::new(x[row], y[row]), inverse.held(l[row]), &mut out);
             out
         })
         .collect();

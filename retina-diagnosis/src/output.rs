@@ -102,7 +102,7 @@ pub fn effects_text(effects: &[&Effect]) -> Vec<String> {
         if e.class.len() > 1 {
             out.push(format!(
                 "    alike     {}",
-                e.class.iter().map(|id| id.name()).collect::<Vec<_>>().join(", ")
+                e.class.iter().filter(|id| **id != e.id).map(|id| id.name()).collect::<Vec<_>>().join(", ")
             ));
         }
         if let Some((action, value)) = e.separated_by() {

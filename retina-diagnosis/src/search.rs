@@ -298,13 +298,8 @@ fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: 
         .zip(&p)
         .filter_map(|((&index, scores), &p_value)| {
             let forms = &prepared[index].variants;
-            let unreal = |v: usize| beyond(frame, &forms[v], &prepared[index].columns[v]);
-            // The likeliest of those that can be, else of all.
-            let mut order: Vec<usize> = (0..scores.len()).collect();
-            order.sort_by(|&a, &b| scores[b].deviate().total_cmp(&scores[a].deviate()));
-            let found = order.iter().copied().find(|&v| !unreal(v));
-            let implausible = found.is_none();
-            let variant = found.or_else(|| order.first().copied())?;
+            let deviates: Vec<f64> = scores.iter().map(Score::deviate).collect();
+            let (variant, implausible) = likeliest(frame, forms, &prepared[index].columns, &deviates)?;
             let (form, score) = (&forms[variant], &scores[variant]);
             let leading = frame.held_out(&prepared[index].columns[variant]);
             let mut better = false;
@@ -355,6 +350,19 @@ fn pick<'r>(ranking: &'r [Ranked], level: f64, floor: f64, before: &HeldOut) -> 
     significant()
         .filter(|r| r.held_out.beaten_by(&least.held_out) <= 1.0)
         .min_by_key(|r| (r.implausible, r.columns))
+}
+
+/// The likeliest of an effect's forms whose amplitude can be, else of all, and whether it is such a one.
+pub(crate) fn likeliest(
+    frame: &Frame<'_>,
+    forms: &[Variant<'_>],
+    columns: &[Vec<Vec<f64>>],
+    deviates: &[f64],
+) -> Option<(usize, bool)> {
+    let mut order: Vec<usize> = (0..forms.len()).collect();
+    order.sort_by(|&a, &b| deviates[b].total_cmp(&deviates[a]));
+    let found = order.iter().copied().find(|&k| !beyond(frame, &forms[k], &columns[k]));
+    Some((found.or_else(|| order.first().copied())?, found.is_none()))
 }
 
 /// Whether a form would need an amplitude beyond what is plausible.

@@ -148,6 +148,45 @@ fn a_calibration_is_read_by_its_own_response() {
     assert_eq!(model.response, Some(measured));
     let covariance = model.covariance.as_ref().unwrap();
     assert!(covariance.iter().all(|value| value.is_finite()) && covariance[0] > 0.0);
+    // It says how far the model is from the truth, in the middle and at the edge: both axes over a grid of places.
+    let inverse = model.inverse.as_ref().unwrap();
+    let side = inverse.columns();
+    for reach in [0.2, 1.0] {
+        let (mut squares, mut stated) = (0.0, 0.0);
+        for i in 0..=6 {
+            for j in 0..=6 {
+                let u = reach * DVec2::new(0.045 * (f64::from(i) - 3.0), 0.033 * (f64::from(j) - 3.0));
+                let turned = DVec2::from_angle(0.01).rotate(u * (1.0 + 0.35 * u.length_squared()));
+                let point = Point {
+                    r: turned * 1.002 + DVec2::new(3e-4, -2e-4),
+                    camera_px: DVec2::ZERO,
+                    screen_px: DVec2::ZERO,
+                    f: 1.0,
+                    time_s: 0.0,
+                    temperature_c: 20.0,
+                    row_load: 0.5,
+                    channel: 3,
+                    count: 100.0,
+                    exposure: 0,
+                };
+                let at = tilted(&point);
+                let l = 1.3 * (100.0f64 / 255.0).log10();
+                let off = (inverse.undistort(at, l) - u) / ARCSEC;
+                let mut values = vec![0.0; side];
+                inverse.fill(at, l, &mut values);
+                let variance: f64 =
+                    (0..side * side).map(|k| values[k / side] * covariance[k] * values[k % side]).sum();
+                squares += 0.5 * off.length_squared();
+                stated += variance / (ARCSEC * ARCSEC);
+            }
+        }
+        let ratio = (squares / stated).sqrt();
+        println!(
+            "to {reach} of the field: {ratio:.2} of what is stated, {:.3} arcsec",
+            (stated / 49.0).sqrt()
+        );
+        assert!((0.6..1.3).contains(&ratio), "{ratio}");
+    }
     // The model stands for the tilted facility: on fresh points of it nothing but noise is left.
     let fresh = Measurements::read(&[write("fourth.csv", 8, &tilted)]).unwrap();
     let (with, without) = (data(&fresh, &model), data(&fresh, &calibration));

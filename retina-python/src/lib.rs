@@ -40,7 +40,7 @@ mod _native {
     #[pymodule_export]
     use crate::frames::{PyFrameMaker, grey_png_bytes, screen_png_bytes};
     #[pymodule_export]
-    use crate::limb::{PyLimbAnswer, fit_limb};
+    use crate::limb::{PyLimbAnswer, PyStarsBeside, fit_limb};
     #[pymodule_export]
     use crate::optics::PyOpticalSystem;
     #[pymodule_export]

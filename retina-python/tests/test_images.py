@@ -139,6 +139,53 @@ def test_a_limb_is_measured_as_the_command_does(lambert_frame: retina.Frame, com
     assert_same(mine, told)
 
 
+def test_a_limb_with_a_mask_and_stars_is_measured_as_the_command_does(
+    lambert_frame: retina.Frame, command: Any, tmp_path: Path
+) -> None:
+    from retina import _native
+
+    image = (lambert_frame.radiance * (200.0 / lambert_frame.radiance.max())).round().astype(np.uint8)
+    # A lamp beside the body.
+    image[:40, :60] = 255
+    mask = np.ones(image.shape, dtype=bool)
+    mask[:50, :70] = False
+    files = tmp_path / "ball.png", tmp_path / "mask.png"
+    for file, values in zip(files, (image, mask.astype(np.uint8) * 255)):
+        file.write_bytes(_native.grey_png_bytes(values))
+    flags = ("--fov-deg", "9.5", "--radii-m", str(RADIUS_M), "--mask", files[1])
+    found = retina.fit_limb(image, fov_deg=9.5, body=RADIUS_M, mask=mask)
+    assert found.solved and np.isnan(found.camera_from_inertial).all()
+    mine = found.to_dict(), retina.fit_limb(image, fov_deg=9.5, body=RADIUS_M, mask=mask, stars=True).to_dict()
+    told = command("navigate", "limb", files[0], *flags), command("navigate", "limb", files[0], *flags, "--stars")
+    for document in (*mine, *told):
+        document.pop("file"), document.pop("notes")
+        for name in ("file", "detect_ms", "solve_ms"):
+            document.get("stars", {}).pop(name, None)
+        # The command widens a mask from a file by some pixels.
+        document.get("stars", {}).get("seen", {}).pop("masked_share", None)
+    assert "stars" not in mine[0] and mine[1]["stars"]["solved"] is False
+    for one, other in zip(mine, told):
+        assert_same(one, other)
+
+
+def test_a_silhouette_needs_an_attitude(lambert_frame: retina.Frame, tmp_path: Path) -> None:
+    with pytest.raises(retina.RetinaError, match="attitude"):
+        retina.fit_limb(np.zeros((200, 200), np.uint8), fov_deg=10, silhouette=tmp_path / "body.obj")
+    with pytest.raises(retina.RetinaError, match="mask"):
+        retina.fit_limb(np.zeros((200, 200), np.uint8), fov_deg=10, mask=np.ones((2, 2), bool))
+    # An octahedron of one metre stands for the shape: its corners, and not a circle, are the outline.
+    corners = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+    faces = [(1, 3, 5), (3, 2, 5), (2, 4, 5), (4, 1, 5), (3, 1, 6), (2, 3, 6), (4, 2, 6), (1, 4, 6)]
+    body = tmp_path / "body.obj"
+    body.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {a} {b} {c}\n" for a, b, c in faces))
+    y, x = np.mgrid[:400, :400] + 0.5
+    image = (180 * np.clip((100.9 - abs(x - 200) - abs(y - 190)) / 1.8, 0, 1)).round().astype(np.uint8)
+    found = retina.fit_limb(image, fov_deg=10, body=1.0, silhouette=body, camera_from_body=(1, 0, 0, 0))
+    assert found.solved, found.message
+    # 100 px of a focal length of 2286 px: 1 m at 22.86 m.
+    assert found.range_m == pytest.approx(22.86, rel=0.01) and found.center_px == pytest.approx((200, 190), abs=0.5)
+
+
 def test_a_dark_image_has_no_limb() -> None:
     found = retina.fit_limb(np.zeros((200, 200), np.uint8), fov_deg=10, body="moon")
     assert not found.solved and found.reason == "no_body" and np.isnan(found.range_m)

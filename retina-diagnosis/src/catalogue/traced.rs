@@ -142,13 +142,14 @@ fn steady_shift(data: &Dataset, rays: DisplayRays) -> Vec<Variant<'_>> {
     vec![Variant { shape: vec![(STEADY, 0.0)], leading, further: Vec::new() }]
 }
 
-/// Forms in the light, where it varies, and the steady one, where the lenses are known.
+/// Forms in the light, where it varies, and the steady one, where the lenses are known and a calibration holds what they
+/// do by themselves: without it the lenses' own coma would be told as the objective's.
 fn with_steady<'a>(
     data: &'a Dataset,
     in_light: Result<Vec<Variant<'a>>, String>,
     steady: fn(&'a Dataset, DisplayRays) -> Vec<Variant<'a>>,
 ) -> Result<Vec<Variant<'a>>, String> {
-    let Some(rays) = data.display else { return in_light };
+    let (Some(rays), Some(_)) = (data.display, &data.held) else { return in_light };
     let mut forms = in_light.unwrap_or_default();
     forms.extend(steady(data, rays));
     Ok(forms)

@@ -79,17 +79,13 @@ fn points(data: &Dataset, effect: PointsEffect, shape: &[(&'static str, f64)]) -
         // Radial, of lenses as they are, and along one axis, of sub-pixels side by side, whose spots coma moves one by
         // one. A tilt beside it is not its own.
         E::FluxComa if let (Some(coma_um), Some(rays)) = (steady, &data.display) => {
-            let forms: [Placed; 10] = [
+            let forms: [Placed; 6] = [
                 |x, y| [x * x + y * y, 0.0],
                 |x, y| [0.0, x * x + y * y],
-                |x, y| scaled(x, y, x.hypot(y)),
                 |x, y| scaled(x, y, x * x + y * y),
-                |x, y| scaled(x, y, x.hypot(y).powi(3)),
                 |x, y| scaled(x, y, x.hypot(y).powi(4)),
-                |x, y| scaled(x, y, x.hypot(y).powi(5)),
                 |x, y| scaled(x, y, x.hypot(y).powi(6)),
                 |x, y| scaled(x, y, x.hypot(y).powi(8)),
-                |x, y| scaled(x, y, x.hypot(y).powi(10)),
             ];
             let mut own = coma_beside(data, rays, coma_um);
             own.extend(times(&one, &forms));

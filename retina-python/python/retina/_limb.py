@@ -87,6 +87,18 @@ class LimbSolution(Solution):
         return self._optional("sun_deg")
 
     @property
+    def camera_from_inertial(self) -> npt.NDArray[np.float64]:
+        """Attitude by the stars beside the body, scalar first, shape (4,); NaN without `stars`."""
+        found = (self._document.get("stars") or {}).get("camera_from_inertial")
+        return np.full(4, np.nan) if found is None else np.asarray(found, dtype=np.float64)
+
+    @property
+    def position_from_body_m(self) -> npt.NDArray[np.float64]:
+        """Place of the camera relative to the body, ICRF axes, m, shape (3,); NaN where the stars did not give it."""
+        found = (self._document.get("place") or {}).get("position_from_body_m")
+        return np.full(3, np.nan) if found is None else np.asarray(found, dtype=np.float64)
+
+    @property
     def points(self) -> dict[str, npt.NDArray[Any]]:
         """Points of the limb: ``x_px``, ``y_px``, ``sigma_px``, ``residual_px``, ``used``."""
         return self._answer.points()
@@ -138,6 +150,9 @@ def fit_limb(
     position_m: Vector | None = None,
     ephemeris: Ephemeris | None = None,
     bits: int | None = None,
+    silhouette: PathLike | None = None,
+    mask: Any = None,
+    stars: bool = False,
 ) -> LimbSolution:
     """Measure a body's limb: its centre, its range, and its line of sight.
 
@@ -174,6 +189,14 @@ def fit_limb(
         Where the Sun, the Moon and the planets are taken from. Default: analytical theories.
     bits : int, optional
         Bits of the camera's digital numbers. Default: the setup's, or those of the type or the file.
+    silhouette : path, optional
+        Mesh of the body in its own axes, whose silhouette is fitted, terrain included. The attitude must be known:
+        `camera_from_body`, or `stars` with `time`.
+    mask : array_like of bool, shape (height, width), optional
+        True where pixels count: False for a tree or a cloud beside the body.
+    stars : bool
+        Find the stars beside the body, too: they give the attitude, the focal length and the camera's place. With `time`
+        alone, the place may be left out.
 
     Returns
     -------
@@ -213,8 +236,11 @@ def fit_limb(
         limb_height_m,
         limb_height_sigma_m,
         None if sun_deg is None else float(np.radians(sun_deg)),
-        _observer(time, site, position_m, ephemeris),
+        None if stars and site is None and position_m is None else _observer(time, site, position_m, ephemeris),
         bits,
+        None if silhouette is None else os.fspath(silhouette),
+        None if mask is None else np.ascontiguousarray(mask, dtype=bool),
+        _native.StarsBeside((ephemeris or Ephemeris())._native, None if time is None else _duck.time_s(time)) if stars else None,
     )
     return LimbSolution(answer)
 

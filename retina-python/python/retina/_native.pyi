@@ -19,6 +19,7 @@ __all__ = [
     "Setup",
     "StarAnswer",
     "StarSolver",
+    "StarsBeside",
     "__version__",
     "bench_effects",
     "calibrate_geometry",
@@ -143,6 +144,10 @@ class Observer:
     ) -> Observer: ...
 
 @final
+class StarsBeside:
+    def __new__(cls, ephemeris: Ephemeris, tdb_s: float | None) -> StarsBeside: ...
+
+@final
 class StarSolver:
     def __new__(
         cls,
@@ -249,6 +254,9 @@ def fit_limb(
     sun_angle_rad: float | None,
     observer: Observer | None,
     bits: int | None,
+    silhouette: str | None,
+    mask: npt.NDArray[np.bool_] | None,
+    stars: StarsBeside | None,
 ) -> LimbAnswer: ...
 def format_time(tdb_s: float) -> str: ...
 def grey_png_bytes(values: npt.NDArray[np.uint8]) -> bytes: ...
