@@ -30,6 +30,9 @@ pub const WIDE_FOV_SETUP: &str = include_str!("setups/wide-fov.toml");
 /// The paper's narrow configuration (50 mm objective), `retina.setup/1`.
 pub const NARROW_FOV_SETUP: &str = include_str!("setups/narrow-fov.toml");
 
+/// The setups that ship, by name.
+pub const SETUPS: [(&str, &str); 2] = [("wide-fov", WIDE_FOV_SETUP), ("narrow-fov", NARROW_FOV_SETUP)];
+
 /// JSON Schemas (2020-12) of files and documents, by name: those of input files are closed.
 pub const SCHEMAS: [(&str, &str); 38] = [
     ("batch", include_str!("schemas/batch.schema.json")),

@@ -17,6 +17,23 @@ fn asset(name: &str) -> String {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets").join(name).display().to_string()
 }
 
+/// The name of a setup that ships stands for it, beside a folder of that name, too; a file of that name goes before.
+#[test]
+fn setups_that_ship_go_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |setup: &str, out: &str| {
+        in_folder(folder.path(), &["simulate", "power", "--setup", setup, "--seed", "1", "--out", out])
+    };
+    assert_done(&run("wide-fov", "wide-fov"));
+    assert_done(&run("wide-fov", "again"));
+    assert_done(&run(&asset("setups/wide-fov.toml"), "by-path"));
+    let table = |name: &str| std::fs::read_to_string(folder.path().join(name).join("power.csv")).unwrap();
+    assert_eq!(table("wide-fov"), table("by-path"));
+    assert_refused(&run("wide-fow", "none"), &["wide-fow", "setups that ship: wide-fov, narrow-fov"]);
+    std::fs::write(folder.path().join("narrow-fov"), "no setup").unwrap();
+    assert_refused(&run("narrow-fov", "none"), &["narrow-fov"]);
+}
+
 #[test]
 fn what_is_started_reads_and_renders() {
     let folder = tempfile::tempdir().unwrap();

@@ -130,8 +130,9 @@ const RIDGE: f64 = 1e-11;
 impl Weights {
     /// What the columns fit, and how many they are.
     fn fitted(&self, data: &Dataset, columns: &[Vec<f64>]) -> (Vec<f64>, f64) {
-        let whitened: Vec<Vec<f64>> = columns.par_iter().map(|column| self.whitened(data, column)).collect();
-        let y = self.whitened(data, &data.y);
+        let whitening = self.whitening(data);
+        let whitened: Vec<Vec<f64>> = columns.par_iter().map(|column| whitening.of(column)).collect();
+        let y = whitening.of(&data.y);
         let (coefficients, free) = least_squares(&whitened, &y);
         let mut out = vec![0.0; data.y.len()];
         for (column, c) in columns.iter().zip(&coefficients) {

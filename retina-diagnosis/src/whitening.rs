@@ -12,7 +12,7 @@ use crate::units::in_time;
 /// 1 - (1 + variance * sum of weights)^(-1/2), and levels of groups that follow each other made independent.
 pub(crate) struct Whitening<'d> {
     data: &'d Dataset,
-    weight: Vec<f64>,
+    weight: &'d [f64],
     root: Vec<f64>,
     groups: Vec<WhitenedGroup>,
     /// Groups in the order of time; empty where they do not follow each other.
@@ -95,7 +95,7 @@ impl Whitening<'_> {
 
 impl Weights {
     /// What makes V^(-1/2) of columns.
-    pub(crate) fn whitening<'d>(&self, data: &'d Dataset) -> Whitening<'d> {
+    pub(crate) fn whitening<'d>(&'d self, data: &'d Dataset) -> Whitening<'d> {
         let groups = data.groups.iter().map(|group| {
             let sum: f64 = self.weight[group.rows.clone()].iter().sum();
             let kappa = if sum > 0.0 { self.kappa(sum) } else { 0.0 };
@@ -103,7 +103,7 @@ impl Weights {
         });
         Whitening {
             data,
-            weight: self.weight.clone(),
+            weight: &self.weight,
             root: self.weight.iter().map(|weight| weight.sqrt()).collect(),
             groups: groups.collect(),
             in_time: if data.wander == 0.0 { Vec::new() } else { in_time(data) },

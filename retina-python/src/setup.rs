@@ -32,10 +32,8 @@ impl PySetup {
     /// A setup that ships; `None` where there is none of this name. The calibration that it names is not in the package.
     #[staticmethod]
     fn shipped(name: &str) -> PyResult<Option<Self>> {
-        let text = match name {
-            "wide-fov" => retina::assets::WIDE_FOV_SETUP,
-            "narrow-fov" => retina::assets::NARROW_FOV_SETUP,
-            _ => return Ok(None),
+        let Some((_, text)) = retina::assets::SETUPS.into_iter().find(|(own, _)| *own == name) else {
+            return Ok(None);
         };
         let mut setup = Setup::parse(text, format!("{name}.toml").as_ref()).map_err(Failure::from)?;
         setup.calibration.file = None;

@@ -125,7 +125,7 @@ async fn start(State(app): Shared) -> Answer {
             "first": app.first,
             "sessions": app.store.list(),
             "files": app.served.list(),
-            "setups": panes::SETUPS.map(|(name, _)| name),
+            "setups": retina_assets::SETUPS.map(|(name, _)| name),
             "systems": retina_optics::shipped_designs().collect::<Vec<_>>(),
             "examples": examples,
         }))

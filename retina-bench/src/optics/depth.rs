@@ -18,8 +18,8 @@ const EVEN_COMA_MM: f64 = 1e-4;
 /// Step of a line of sight for its derivatives, tangents.
 const STEP: f64 = 1e-4;
 
-/// What a setup's lenses make of the display's depth and of coma, by rays over the whole pupil at the channels' wavelengths, seen by a
-/// detector. `half_tan` is the largest line of sight's tangent.
+/// What a setup's lenses make of the display's depth and of coma, by rays over the whole pupil at the channels'
+/// wavelengths, seen by a detector. `half_tan` is the largest line of sight's tangent.
 ///
 /// # Errors
 /// As [`facility_system`]; a ray that does not arrive.

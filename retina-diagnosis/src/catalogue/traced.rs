@@ -71,8 +71,8 @@ fn coma_at(data: &Dataset, rays: &DisplayRays, coma: usize, place: DVec2) -> [f6
 }
 
 /// Coma that grows with the field, um at half the camera's width: a form for each of the comas that were traced, since
-/// bright cores do not move in proportion to it. Beside it the next coma's, and another focus, for lenses
-/// that are not quite those of the design.
+/// bright cores do not move in proportion to it. Each has further columns for lenses that are not quite those of the
+/// design: the next coma's, and that of another focus.
 fn steady_coma(data: &Dataset, rays: DisplayRays) -> Vec<Variant<'_>> {
     let (x, y) = xy(data);
     let values = |coma: usize| -> (Vec<f64>, Vec<f64>) {
@@ -108,7 +108,7 @@ pub(super) fn coma_beside(data: &Dataset, rays: &DisplayRays, coma_um: f64) -> V
     /// Half a step, in halves of the camera's width.
     const STEP: f64 = 0.01;
     let (x, y) = xy(data);
-    let coma = (0..COMAS_MM.len()).find(|&k| 1e3 * COMAS_MM[k] == coma_um).unwrap_or(COMAS_MM.len() / 2);
+    let Some(coma) = (0..COMAS_MM.len()).find(|&k| 1e3 * COMAS_MM[k] == coma_um) else { return Vec::new() };
     let moved = |place: DVec2| coma_at(data, rays, coma, place)[0] * place;
     let column = |of: &dyn Fn(DVec2) -> DVec2| -> Vec<f64> {
         (0..x.len()).flat_map(|i| of(DVec2::new(x[i], y[i])).to_array()).collect()

@@ -14,6 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use axum::Router;
 use axum::http::{HeaderName, HeaderValue};
 use axum::response::{IntoResponse as _, Response};
+use retina_assets::SETUPS;
 use retina_files::{InputError, read_text};
 use retina_geometry::Setup;
 use serde::Deserialize;
@@ -21,10 +22,6 @@ use serde_json::Value;
 
 use crate::api::App;
 use crate::failure::Refusal;
-
-/// Setups that ship.
-pub(crate) const SETUPS: [(&str, &str); 2] =
-    [("wide-fov", retina_assets::WIDE_FOV_SETUP), ("narrow-fov", retina_assets::NARROW_FOV_SETUP)];
 
 /// What is held open between requests, because opening it takes longer than using it.
 #[derive(Default)]

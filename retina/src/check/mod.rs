@@ -69,10 +69,8 @@ impl Company {
 
     /// The setup of a name: among the files, else one that ships.
     fn setup(&self, name: &str) -> Option<Setup> {
-        let shipped =
-            [("wide-fov", retina_assets::WIDE_FOV_SETUP), ("narrow-fov", retina_assets::NARROW_FOV_SETUP)];
         self.setups.iter().find(|setup| setup.name == name).cloned().or_else(|| {
-            let (name, text) = shipped.into_iter().find(|(own, _)| *own == name)?;
+            let (name, text) = retina_assets::SETUPS.into_iter().find(|(own, _)| *own == name)?;
             Setup::parse(text, Path::new(name)).ok()
         })
     }
