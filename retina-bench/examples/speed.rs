@@ -7,6 +7,9 @@ use std::time::Instant;
 use retina_bench::{Bench, BenchOptions, Exposure, ScreenImage};
 use retina_geometry::Setup;
 
+/// What an exposure is made of.
+const PARTS: [&str; 4] = ["where each sub-pixel's light lands", "spots", "stray light", "sensor"];
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/setups/wide-fov.toml");
     let path = std::env::args().nth(1).map_or_else(|| PathBuf::from(default), PathBuf::from);
@@ -32,27 +35,36 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }
         }
     }
-    for (name, screen, frames) in [("300 points", &points, 40u64), ("disc of 1120 px", &disc, 5)] {
+    for (name, screen, frames) in [("300 points", &points, 60u64), ("disc of 1120 px", &disc, 10)] {
         let mut exposure = Exposure::new(0.01, 0);
         bench.expose(screen, &exposure)?;
         let start = Instant::now();
-        let mut parts = [0.0; 2];
         for frame in 0..frames {
             exposure.frame = frame;
-            let begun = Instant::now();
-            let light = bench.light_e(screen, &exposure)?;
-            parts[0] += begun.elapsed().as_secs_f64();
-            bench.read(&light, &exposure);
-            parts[1] += begun.elapsed().as_secs_f64();
+            bench.expose(screen, &exposure)?;
         }
         let each = start.elapsed().as_secs_f64() / frames as f64;
-        println!(
-            "{name}: {:.1} frames/s ({:.1} ms: light {:.1}, sensor {:.1})",
-            1.0 / each,
-            1e3 * each,
-            1e3 * parts[0] / frames as f64,
-            1e3 * (parts[1] - parts[0]) / frames as f64
-        );
+        println!("{name}: {:.1} frames/s, {:.1} ms", 1.0 / each, 1e3 * each);
+        // Its parts, with new memory for each image.
+        let mut parts = [0.0; PARTS.len()];
+        for _ in 0..frames {
+            let mut begun = Instant::now();
+            let mut done = |part: usize| {
+                parts[part] += begun.elapsed().as_secs_f64();
+                begun = Instant::now();
+            };
+            let landed = bench.landed(screen, &exposure)?;
+            done(0);
+            let mut light = bench.focused_e(&landed, &exposure);
+            done(1);
+            bench.optics().add_stray(&mut light, &landed);
+            done(2);
+            bench.read(&light, &exposure);
+            done(3);
+        }
+        for (part, seconds) in PARTS.iter().zip(parts) {
+            println!("   {part}: {:.1} ms", 1e3 * seconds / frames as f64);
+        }
     }
     Ok(())
 }

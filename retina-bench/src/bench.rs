@@ -1,5 +1,7 @@
 //! Screen, optics and camera together.
 
+use std::sync::OnceLock;
+
 use glam::DVec3;
 use rayon::prelude::*;
 use retina_files::InputError;
@@ -7,13 +9,15 @@ use retina_geometry::Setup;
 use retina_optics::OpticalSystem;
 use retina_radiometry::irradiance_of_magnitude_w_m2_nm;
 
+use crate::buffers::Buffers;
 use crate::optics::{
-    BenchOptics, CameraPose, ExposurePose, OpticsDetail, PointImage, Source, channel_lines, facility_system,
+    BenchOptics, CameraPose, ExposurePose, Landed, OpticsDetail, PointImage, SceneLight, Shown, Source,
+    channel_lines, facility_system,
 };
 use crate::{BenchError, Display, GroupOffset, Imperfections, ScreenImage, Sensor};
 
-/// More lit sub-pixels than these are a scene and go through Fourier transforms.
-pub(crate) const MOST_POINTS: usize = 30_000;
+/// More lit pixels than these are a scene and go through Fourier transforms.
+const MOST_PIXELS: usize = 10_000;
 
 /// How a bench is built.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -67,6 +71,9 @@ pub struct Bench {
     sensor: Sensor,
     /// Electrons a second that a sub-pixel at count 255 on the axis makes, by channel.
     full_e_s: [f64; 3],
+    /// The display's pattern, made for the first scene.
+    mura: OnceLock<Option<Vec<[f32; 3]>>>,
+    buffers: Buffers,
     seed: u64,
 }
 
@@ -107,7 +114,16 @@ impl Bench {
         let white =
             irradiance_of_magnitude_w_m2_nm(setup.brightest_magnitude()) * sensor.efficiency().bandwidth_nm();
         let each = white / 3.0 * pupil_area_m2(setup) * sensor.efficiency().electrons_per_joule();
-        Ok(Self { setup: setup.clone(), display, optics, sensor, full_e_s: [each; 3], seed: options.seed })
+        Ok(Self {
+            setup: setup.clone(),
+            display,
+            optics,
+            sensor,
+            full_e_s: [each; 3],
+            mura: OnceLock::new(),
+            buffers: Buffers::default(),
+            seed: options.seed,
+        })
     }
 
     /// The setup it was made for.
@@ -166,22 +182,47 @@ impl Bench {
     /// # Errors
     /// The image has another size than the screen.
     pub fn light_e(&self, screen: &ScreenImage, exposure: &Exposure) -> Result<Vec<f32>, BenchError> {
-        let sources = self.sources(screen, exposure)?;
-        let mut image = self.focused_e(&sources, exposure);
-        self.optics.add_stray(&mut image, &sources);
+        let landed = self.landed(screen, exposure)?;
+        let mut image = self.focused_e(&landed, exposure);
+        self.optics.add_stray(&mut image, &landed);
         image.par_iter_mut().for_each(|value| *value = value.max(0.0));
+        if let Landed::Scene(light) = landed {
+            light.planes.into_iter().for_each(|plane| self.buffers.give_back(plane));
+        }
         Ok(image)
     }
 
-    /// As [`Bench::light_e`], of sources, without ghosts and veiling glare.
-    pub fn focused_e(&self, sources: &[Source], exposure: &Exposure) -> Vec<f32> {
+    /// A screen image's light where it lands in an exposure.
+    ///
+    /// # Errors
+    /// The image has another size than the screen.
+    pub fn landed(&self, screen: &ScreenImage, exposure: &Exposure) -> Result<Landed, BenchError> {
+        let lit = |counts: &[[u8; 3]]| counts.iter().filter(|counts| **counts != [0; 3]).count();
+        if screen.counts.par_chunks(1 << 16).map(lit).sum::<usize>() <= MOST_PIXELS {
+            return self.sources(screen, exposure).map(Landed::Points);
+        }
+        self.scene(screen, exposure).map(Landed::Scene)
+    }
+
+    /// All light of a screen image on the grid of camera pixels.
+    fn scene(&self, screen: &ScreenImage, exposure: &Exposure) -> Result<SceneLight, BenchError> {
+        self.display.check_size(screen)?;
+        let mura = self.mura.get_or_init(|| self.display.patterns()).as_deref();
+        let full_electrons = self.full_e_s.map(|e| e * exposure.exposure_s);
+        let shown = Shown { display: &self.display, screen, mura, full_electrons };
+        Ok(self.optics.scene(shown, &exposure.pose, &self.buffers))
+    }
+
+    /// As [`Bench::light_e`], of light that has landed, without ghosts and veiling glare.
+    pub fn focused_e(&self, landed: &Landed, exposure: &Exposure) -> Vec<f32> {
         let size = self.setup.camera.width_px as usize * self.setup.camera.height_px as usize;
         // The screen's black: its pixels are smaller than the camera's spots, so it is even.
-        let mut image = vec![(self.black_e_s() * exposure.exposure_s) as f32; size];
-        if sources.len() <= MOST_POINTS {
-            self.optics.add_points(&mut image, sources);
-        } else {
-            self.optics.add_scene(&mut image, sources);
+        let black = (self.black_e_s() * exposure.exposure_s) as f32;
+        let mut image = self.buffers.take(size);
+        image.par_chunks_mut(1 << 16).for_each(|part| part.fill(black));
+        match landed {
+            Landed::Points(sources) => self.optics.add_points(&mut image, sources),
+            Landed::Scene(light) => self.optics.add_scene(&mut image, light),
         }
         image
     }
@@ -200,7 +241,9 @@ impl Bench {
     /// The image has another size than the screen.
     pub fn expose(&self, screen: &ScreenImage, exposure: &Exposure) -> Result<CameraFrame, BenchError> {
         let light = self.light_e(screen, exposure)?;
-        Ok(self.read(&light, exposure))
+        let frame = self.read(&light, exposure);
+        self.buffers.give_back(light);
+        Ok(frame)
     }
 
     /// Digital numbers of an image of mean electrons.
@@ -224,7 +267,7 @@ impl Bench {
         Some(exposure.pose.apply(at, self.optics.camera()).to_array())
     }
 
-    /// Lit sub-pixels of a screen image as light on the sensor: what [`Bench::light_e`] spreads.
+    /// Lit sub-pixels of a screen image, each as light on the sensor. [`Bench::landed`] is the quicker way for scenes.
     ///
     /// # Errors
     /// The image has another size than the screen.

@@ -1,5 +1,6 @@
 //! The OLED: digital counts to the light of sub-pixels.
 
+use rayon::prelude::*;
 use retina_geometry::Setup;
 
 use crate::{BenchError, hash};
@@ -111,28 +112,17 @@ impl Display {
     /// # Errors
     /// The image has another size than the screen.
     pub fn sub_pixels(&self, image: &ScreenImage) -> Result<Vec<SubPixel>, BenchError> {
-        let found_px = [image.width_px, image.height_px];
-        if found_px != self.size_px {
-            return Err(BenchError::ScreenSize { found_px, expected_px: self.size_px });
-        }
+        self.check_size(image)?;
         let mut lit = Vec::new();
         for (row, counts) in image.counts.chunks_exact(image.width_px as usize).enumerate() {
-            let shift = match self.row_loading_px {
-                0.0 => 0.0,
-                full => full * row_load(counts),
-            };
+            let shift = self.row_shift_px(counts);
             for (column, counts) in counts.iter().enumerate() {
                 if *counts == [0; 3] {
                     continue;
                 }
                 let pixel = (row * image.width_px as usize + column) as u64;
                 for channel in (0..3).filter(|&c| counts[c] > 0) {
-                    let pattern = match self.mura {
-                        0.0 => 1.0,
-                        sigma => {
-                            1.0 + sigma * hash::normal(self.seed ^ 0x6d75_7261, 3 * pixel + channel as u64)
-                        }
-                    };
+                    let pattern = if self.mura == 0.0 { 1.0 } else { self.pattern(pixel, channel) };
                     lit.push(SubPixel {
                         at_px: [column as f64 + 0.5 + self.stripe_px[channel] + shift, row as f64 + 0.5],
                         channel,
@@ -142,6 +132,36 @@ impl Display {
             }
         }
         Ok(lit)
+    }
+
+    /// Light of a sub-pixel over the mean of all: the display's mura.
+    fn pattern(&self, pixel: u64, channel: usize) -> f64 {
+        1.0 + self.mura * hash::normal(self.seed ^ 0x6d75_7261, 3 * pixel + channel as u64)
+    }
+
+    /// [`Display::pattern`] of all sub-pixels, row by row; `None` where they are equal.
+    pub(crate) fn patterns(&self) -> Option<Vec<[f32; 3]>> {
+        let pixels = u64::from(self.size_px[0]) * u64::from(self.size_px[1]);
+        let of = |pixel: u64| [0, 1, 2].map(|channel| self.pattern(pixel, channel) as f32);
+        (self.mura != 0.0).then(|| (0..pixels).into_par_iter().map(of).collect())
+    }
+
+    /// How far a row's sub-pixels are shifted along x, px.
+    pub(crate) fn row_shift_px(&self, counts: &[[u8; 3]]) -> f64 {
+        match self.row_loading_px {
+            0.0 => 0.0,
+            full => full * row_load(counts),
+        }
+    }
+
+    /// # Errors
+    /// The image has another size than the screen.
+    pub(crate) fn check_size(&self, image: &ScreenImage) -> Result<(), BenchError> {
+        let found_px = [image.width_px, image.height_px];
+        if found_px == self.size_px {
+            return Ok(());
+        }
+        Err(BenchError::ScreenSize { found_px, expected_px: self.size_px })
     }
 }
 

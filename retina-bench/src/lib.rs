@@ -10,12 +10,14 @@
 //! threshold and noise.
 
 mod bench;
+mod buffers;
 mod display;
 mod error;
 mod hash;
 mod imperfections;
 mod noise;
 mod optics;
+mod rounding;
 mod sensor;
 
 pub use bench::{Bench, BenchOptions, CameraFrame, Exposure};
@@ -23,7 +25,7 @@ pub use display::{Display, ScreenImage, SubPixel};
 pub use error::BenchError;
 pub use imperfections::{GroupOffset, Imperfections, Objective, ScreenPlacement};
 pub use optics::{
-    BenchOptics, CameraPose, ExposurePose, OpticsDetail, PointImage, Source, channel_lines, display_rays,
-    facility_system,
+    BenchOptics, CameraPose, ExposurePose, Landed, OpticsDetail, PointImage, SceneLight, Source,
+    channel_lines, display_rays, facility_system,
 };
 pub use sensor::Sensor;

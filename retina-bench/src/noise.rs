@@ -5,19 +5,17 @@
 
 use std::f32::consts::{FRAC_1_SQRT_2, LN_2};
 
-use rand_distr::{Distribution, Poisson};
-use rand_xoshiro::Xoshiro256PlusPlus;
-use rand_xoshiro::rand_core::SeedableRng;
-
 use crate::hash;
+use crate::rounding::{ROUNDER, floor};
 
-/// Means from here on are drawn by rejection; below, by going through the counts one by one.
-const MANY: f32 = 8.0;
+/// Means from here on are drawn by an expansion; below, by going through the counts one by one.
+const MANY: f32 = 10.0;
 
 /// Generators side by side.
 const LANES: usize = 16;
 
 type Lanes = [u32; LANES];
+type Lane = [f32; LANES];
 
 /// Xoshiro128++ (D. Blackman and S. Vigna, "Scrambled linear pseudorandom number generators", ACM TOMS 47(4), 36,
 /// 2021), one a lane.
@@ -52,13 +50,11 @@ impl Generators {
 #[derive(Debug, Clone)]
 pub(crate) struct Noise {
     lanes: Generators,
-    /// For what is drawn by rejection.
-    single: Xoshiro256PlusPlus,
 }
 
 impl Noise {
     pub(crate) fn new(seed: u64) -> Self {
-        Self { lanes: Generators::new(seed), single: Xoshiro256PlusPlus::seed_from_u64(seed) }
+        Self { lanes: Generators::new(seed) }
     }
 
     /// Fills `out` with normal numbers of mean 0 and variance 1, by G. Box and M. Muller's method (1958). None lies
@@ -69,7 +65,7 @@ impl Noise {
             let (u, v) = (self.lanes.next(), self.lanes.next());
             let (mut first, mut second) = ([0.0; LANES], [0.0; LANES]);
             for k in 0..LANES {
-                let radius = (-2.0 * ln((u[k] as f32 + 0.5) * 2f32.powi(-32))).sqrt();
+                let radius = radius(u[k]);
                 let (sine, cosine) = sine_and_cosine(v[k]);
                 first[k] = radius * cosine;
                 second[k] = radius * sine;
@@ -85,41 +81,104 @@ impl Noise {
     #[inline(always)]
     pub(crate) fn poisson(&mut self, means: &mut [f32]) {
         for means in means.chunks_mut(LANES) {
-            let uniform = self.lanes.next();
             let mut lanes = [0.0; LANES];
             lanes[..means.len()].copy_from_slice(means);
-            // Of dark pixels most are 0 at once: exp(-m) is no less than 1 - m + m^2/2 - m^3/6.
-            let mut empty = [false; LANES];
-            for k in 0..LANES {
-                let m = lanes[k];
-                let least = 1.0 - m * (1.0 - m * (0.5 - m * (1.0 / 6.0)));
-                // What is added is more than all roundings.
-                let surely = (uniform[k] >> 8) as f32 * 2f32.powi(-24) + 1e-6 < least;
-                empty[k] = (m <= 0.0) | m.is_nan() | surely;
+            let first = self.lanes.next();
+            let many = lanes.iter().fold(0, |any, &m| any | u32::from(m >= MANY));
+            if many == 0 {
+                few(&mut lanes, &first);
+            } else {
+                self.many(&mut lanes, &first);
             }
-            for (k, mean) in means.iter_mut().enumerate() {
-                *mean = if empty[k] { 0.0 } else { self.counts(*mean, uniform[k]) };
-            }
+            means.copy_from_slice(&lanes[..means.len()]);
         }
     }
 
-    /// A Poisson number of a positive mean.
-    fn counts(&mut self, mean: f32, uniform: u32) -> f32 {
-        if mean >= MANY {
-            // Only a mean beyond 1e19 is refused: the pixel is full.
-            return Poisson::new(f64::from(mean))
-                .map_or(mean, |counts| counts.sample(&mut self.single) as f32);
+    /// As [`Noise::poisson`], where some means are not small: a normal number through the expansion of the Poisson
+    /// distribution's quantiles (M. B. Giles, "Algorithm 955: approximation of the inverse Poisson cumulative distribution
+    /// function", ACM TOMS 42(1), 7, 2016, there Q_N2 and the term after it):
+    /// m + m^1/2 z + (1/3 + z^2/6) - m^-1/2 (z/36 + z^3/72) + m^-1 (-8/405 + 7 z^2/810 + z^4/270), rounded down.
+    #[inline(always)]
+    fn many(&mut self, means: &mut Lane, first: &Lanes) {
+        let turns = self.lanes.next();
+        let mut small = [0.0; LANES];
+        for k in 0..LANES {
+            small[k] = if means[k] < MANY { means[k] } else { 0.0 };
         }
-        let mean = f64::from(mean);
-        let mut left = (f64::from(uniform) + 0.5) * 2f64.powi(-32);
-        let (mut count, mut share) = (0.0, (-mean).exp());
-        while left >= share && count < 100.0 {
-            left -= share;
-            count += 1.0;
-            share *= mean / count;
+        few(&mut small, first);
+        for k in 0..LANES {
+            let m = means[k];
+            let (_, cosine) = sine_and_cosine(turns[k]);
+            let z = radius(first[k]) * cosine;
+            let (z2, root) = (z * z, if m > MANY { m } else { MANY }.sqrt());
+            let third = -z * (1.0 / 36.0 + z2 * (1.0 / 72.0));
+            let fourth = -8.0 / 405.0 + z2 * (7.0 / 810.0 + z2 * (1.0 / 270.0));
+            let place = m + root * z + (1.0 / 3.0 + z2 * (1.0 / 6.0)) + (third + fourth / root) / root;
+            let counts = floor(place);
+            let counts = if counts > 0.0 { counts } else { 0.0 };
+            means[k] = if m >= MANY { counts } else { small[k] };
         }
-        count as f32
     }
+}
+
+/// Poisson numbers of means below [`MANY`], by going through the counts one by one.
+#[inline(always)]
+fn few(means: &mut Lane, random: &Lanes) {
+    let (mut left, mut share, mut counts) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
+    let mut open = 0;
+    for k in 0..LANES {
+        // No light, or none known: the first count takes all.
+        let mean = if means[k] > 0.0 { means[k] } else { 0.0 };
+        means[k] = mean;
+        left[k] = uniform(random[k]);
+        share[k] = exp_of_minus(mean);
+        open |= u32::from(left[k] >= share[k]);
+    }
+    // Beyond it nothing is left of a uniform number of 23 bits.
+    const LAST: u16 = 40;
+    for count in 1..=LAST {
+        if open == 0 {
+            break;
+        }
+        let inverse = 1.0 / f32::from(count);
+        open = 0;
+        for k in 0..LANES {
+            let more = left[k] >= share[k];
+            left[k] -= if more { share[k] } else { 0.0 };
+            counts[k] += if more { 1.0 } else { 0.0 };
+            share[k] *= if more { means[k] * inverse } else { 1.0 };
+            open |= u32::from(left[k] >= share[k]);
+        }
+    }
+    *means = counts;
+}
+
+/// A number between 0 and 1, neither of them, of 23 bits.
+#[inline(always)]
+fn uniform(random: u32) -> f32 {
+    ((random >> 9) as f32 + 0.5) * 2f32.powi(-23)
+}
+
+/// exp(-x) for x from 0 to 80, to 2e-7 of it: a power of two, and the series of the rest.
+#[inline(always)]
+fn exp_of_minus(x: f32) -> f32 {
+    let rounded = x * std::f32::consts::LOG2_E + ROUNDER;
+    let whole = rounded - ROUNDER;
+    // ln 2 in two parts, so that the difference keeps its digits.
+    let rest = (whole * 0.693_359_4 - x) - whole * 2.121_944_4e-4;
+    let series = 1.0
+        + rest
+            * (1.0
+                + rest
+                    * (1.0 / 2.0
+                        + rest * (1.0 / 6.0 + rest * (1.0 / 24.0 + rest * (1.0 / 120.0 + rest / 720.0)))));
+    series * f32::from_bits(127u32.wrapping_sub(rounded.to_bits()) << 23)
+}
+
+/// A normal number's distance from 0 in Box and Muller's plane.
+#[inline(always)]
+fn radius(random: u32) -> f32 {
+    (-2.0 * ln((random as f32 + 0.5) * 2f32.powi(-32))).sqrt()
 }
 
 /// Natural logarithm of a positive normal number, to 1e-7 of it or of 1: exponent, and the series of
@@ -158,7 +217,7 @@ mod tests {
     #[test]
     fn moments_of_the_shot_noise() {
         let mut noise = Noise::new(5);
-        for mean in [0.03, 0.6, 4.0, 7.9, 700.0] {
+        for mean in [0.03, 0.6, 4.0, 9.9, 10.1, 30.0, 700.0, 2e4] {
             let count = 400_000;
             let mut values = vec![mean as f32; count];
             noise.poisson(&mut values);
@@ -189,6 +248,24 @@ mod tests {
                     "{mean}, {k}: {found}, {expected}"
                 );
                 expected *= mean / f64::from(k + 1);
+            }
+        }
+    }
+
+    /// So it does of larger means, about the mean and in the tails.
+    #[test]
+    fn frequencies_of_many_counts() {
+        let count = 4_000_000;
+        let ln_factorial = |k: f64| (2..=k as u32).map(|i| f64::from(i).ln()).sum::<f64>();
+        for mean in [10.0f64, 23.7, 400.0] {
+            let mut values = vec![mean as f32; count];
+            Noise::new(17).poisson(&mut values);
+            let sigma = mean.sqrt();
+            for place in [-3.0, -1.5, -0.5, 0.0, 0.7, 2.0, 3.5] {
+                let k = (mean + place * sigma).round();
+                let expected = (k * mean.ln() - mean - ln_factorial(k)).exp() * count as f64;
+                let found = values.iter().filter(|&&v| f64::from(v) == k).count() as f64;
+                assert!((found - expected).abs() < 5.0 * expected.sqrt(), "{mean}, {k}: {found}, {expected}");
             }
         }
     }
@@ -232,6 +309,9 @@ mod tests {
             let (sine, cosine) = sine_and_cosine(turn);
             assert!((f64::from(sine) - angle.sin()).abs() < 5e-7, "{turn}: {sine}");
             assert!((f64::from(cosine) - angle.cos()).abs() < 5e-7, "{turn}: {cosine}");
+            let x = x * 10.0;
+            let exact = f64::from(-x).exp();
+            assert!((f64::from(exp_of_minus(x)) - exact).abs() < 3e-7 * exact, "{x}");
         }
     }
 

@@ -3,8 +3,10 @@
 use rayon::prelude::*;
 use retina_geometry::Setup;
 use retina_radiometry::QuantumEfficiency;
+use retina_simd::{Kernel, Level};
 
 use crate::noise::Noise;
+use crate::rounding::whole_number;
 use crate::{Imperfections, hash};
 
 /// Dark current doubles over so many kelvin.
@@ -118,12 +120,12 @@ impl Sensor {
         let mut dn = vec![0u16; width * height];
         let key = hash::mix(seed ^ hash::mix(frame));
         let noise_of = |y: usize| Noise::new(hash::mix(key ^ hash::mix(y as u64)));
-        let arch = pulp::Arch::new();
+        let level = Level::detect();
         let exposed = |y: usize, noise: &mut Noise, charge: &mut [f32]| {
-            arch.dispatch(Exposed { sensor: self, y, light_e, exposure_s, warm, noise, charge });
+            level.run(Exposed { sensor: self, y, light_e, exposure_s, warm, noise, charge });
         };
         let digitised = |y: usize, charge: &[f32], noise: &mut Noise, normals: &mut [f32], dn: &mut [u16]| {
-            arch.dispatch(Digitised { sensor: self, y, charge, noise, normals, dn });
+            level.run(Digitised { sensor: self, y, charge, noise, normals, dn });
         };
         if self.blooming == 0.0 {
             dn.par_chunks_exact_mut(width).enumerate().for_each_init(
@@ -195,15 +197,13 @@ impl Sensor {
         let full = self.full_well_e as f32;
         let bend = (self.nonlinearity / self.full_well_e) as f32;
         let (read, per_e) = (self.read_noise_e as f32, (1.0 / self.gain_e_per_dn) as f32);
-        // Half a number more: what follows rounds down.
-        let (offset, largest) = (self.offset_dn as f32 + 0.5, self.largest_dn as f32);
+        let (offset, largest) = (self.offset_dn as f32, self.largest_dn as f32);
         let offsets = &self.offset_e[y * dn.len()..];
         for (((dn, charge), normal), offset_e) in dn.iter_mut().zip(charge).zip(normals).zip(offsets) {
             let held = charge.min(full);
             let bent = held * (1.0 + bend * held);
             let volts = bent + offset_e + read * *normal;
-            // A cast to 16 bits at once is no vector.
-            *dn = (volts * per_e + offset).clamp(0.0, largest) as i32 as u16;
+            *dn = whole_number((volts * per_e + offset).clamp(0.0, largest)) as u16;
         }
     }
 
@@ -226,8 +226,7 @@ impl Sensor {
     }
 }
 
-/// A row's charge in an exposure, with the processor's widest registers. The numbers are the same with narrow ones. This
-/// is no closure: the compiler inlines one only if it likes, and what it does not inline uses the narrow registers.
+/// A row's charge in an exposure.
 struct Exposed<'a> {
     sensor: &'a Sensor,
     y: usize,
@@ -238,17 +237,17 @@ struct Exposed<'a> {
     charge: &'a mut [f32],
 }
 
-impl pulp::NullaryFnOnce for Exposed<'_> {
+impl Kernel for Exposed<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn call(self) {
+    fn run(self) {
         self.sensor.mean_charge(self.y, self.light_e, self.exposure_s, self.warm, self.charge);
         self.noise.poisson(self.charge);
     }
 }
 
-/// A row's digital numbers, as [`Exposed`].
+/// A row's digital numbers.
 struct Digitised<'a> {
     sensor: &'a Sensor,
     y: usize,
@@ -258,11 +257,11 @@ struct Digitised<'a> {
     dn: &'a mut [u16],
 }
 
-impl pulp::NullaryFnOnce for Digitised<'_> {
+impl Kernel for Digitised<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn call(self) {
+    fn run(self) {
         self.sensor.digitise(self.y, self.charge, self.noise, self.normals, self.dn);
     }
 }

@@ -6,7 +6,8 @@
 
 use std::time::Instant;
 
-use retina_optics::{Clipping, InstructionSet, Launcher, Tracer, pupil, shipped_design};
+use retina_optics::{Clipping, Launcher, Tracer, pupil, shipped_design};
+use retina_simd::{InstructionSet, Level};
 
 fn main() {
     for name in ["reference-1.3fc-wide", "cooke-triplet"] {
@@ -17,22 +18,22 @@ fn main() {
         let launched: retina_optics::RayBatch =
             points.iter().map(|point| launcher.ray(system.fields[1].at, point.at).unwrap()).collect();
         let work = (launched.len() * tracer.surface_count()) as f64;
-        for set in [InstructionSet::Baseline, InstructionSet::Avx2, InstructionSet::Avx512] {
-            if !set.is_available() {
-                println!("{name}: {set:?}: not on this processor");
+        for set in InstructionSet::ALL {
+            let Some(level) = Level::of(set) else {
+                println!("{name}: {}: not on this processor", set.name());
                 continue;
-            }
+            };
             // The best of many short runs: a shared machine only ever adds time.
             let mut rays = launched.clone();
             let best = (0..400)
                 .map(|_| {
                     rays.clone_from(&launched);
                     let start = Instant::now();
-                    tracer.trace_batch_with(&mut rays, set);
+                    tracer.trace_batch_with(&mut rays, level);
                     start.elapsed().as_secs_f64()
                 })
                 .fold(f64::INFINITY, f64::min);
-            println!("{name}: {set:?}: {:.3e} rays x surfaces / s", work / best);
+            println!("{name}: {}: {:.3e} rays x surfaces / s", set.name(), work / best);
         }
         let ray = launcher.ray(system.fields[1].at, [0.3, 0.4]).unwrap();
         let start = Instant::now();

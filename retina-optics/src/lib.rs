@@ -46,5 +46,5 @@ pub use prescription::{parse_prescription, read_system, shipped_design, shipped_
 pub use stock::{StockDoublet, stock_doublet, stock_doublets};
 pub use surface::{Aperture, Shape, Surface};
 pub use system::{Aiming, Beam, Field, Group, Object, OpticalSystem, Pose, Wavelength};
-pub use trace::{Clipping, Crossing, InstructionSet, Ray, RayBatch, RayFailure, Tracer};
+pub use trace::{Clipping, Crossing, Ray, RayBatch, RayFailure, Tracer};
 pub use zmx::parse_zmx;

@@ -8,9 +8,10 @@ use glam::DVec3;
 use retina_optics::glass::Medium;
 use retina_optics::paraxial::Paraxial;
 use retina_optics::{
-    Aiming, Aperture, Beam, Clipping, Field, Group, InstructionSet, Launcher, Object, OpticalSystem, Ray,
-    RayBatch, RayFailure, Shape, Surface, Tracer, Wavelength, pupil, shipped_design, shipped_designs,
+    Aiming, Aperture, Beam, Clipping, Field, Group, Launcher, Object, OpticalSystem, Ray, RayBatch,
+    RayFailure, Shape, Surface, Tracer, Wavelength, pupil, shipped_design, shipped_designs,
 };
+use retina_simd::{InstructionSet, Level};
 
 fn system(surfaces: Vec<Surface>, pupil_mm: f64) -> OpticalSystem {
     let system = OpticalSystem {
@@ -212,9 +213,9 @@ fn batches_equal_the_scalar_trace_bit_by_bit() {
                 .iter()
                 .map(|p| launcher.ray(field.at, [1.6 * p.at[0], 1.6 * p.at[1]]).unwrap())
                 .collect();
-            for set in [InstructionSet::Baseline, InstructionSet::Avx2, InstructionSet::Avx512] {
+            for level in InstructionSet::ALL.into_iter().filter_map(Level::of) {
                 let mut batch: RayBatch = rays.iter().copied().collect();
-                tracer.trace_batch_with(&mut batch, set);
+                tracer.trace_batch_with(&mut batch, level);
                 for (i, ray) in rays.iter().enumerate() {
                     match tracer.trace_to_image(ray) {
                         Ok(hit) => {
@@ -228,7 +229,12 @@ fn batches_equal_the_scalar_trace_bit_by_bit() {
                                 batch.n[i],
                             ];
                             let [a, b] = [hit.local_mm.to_array(), hit.local_direction.to_array()];
-                            assert_eq!(got, [a[0], a[1], a[2], b[0], b[1], b[2]], "{} {set:?}", system.name);
+                            assert_eq!(
+                                got,
+                                [a[0], a[1], a[2], b[0], b[1], b[2]],
+                                "{} {level:?}",
+                                system.name
+                            );
                             assert_eq!(batch.path_mm[i], hit.path_mm);
                         }
                         Err(failure) => {
@@ -237,7 +243,7 @@ fn batches_equal_the_scalar_trace_bit_by_bit() {
                                 RayFailure::Vignetted { .. } => 1,
                                 RayFailure::TotalReflection { .. } => 2,
                             }] += 1;
-                            assert_eq!(batch.failure(i), Some(failure), "{} {set:?}", system.name);
+                            assert_eq!(batch.failure(i), Some(failure), "{} {level:?}", system.name);
                         }
                     }
                 }

@@ -9,6 +9,7 @@ mod dense;
 mod depth;
 mod kernels;
 mod place;
+mod scene;
 mod sparse;
 mod stray;
 mod windowed;
@@ -24,7 +25,10 @@ use retina_radiometry::QuantumEfficiency;
 
 pub use depth::display_rays;
 pub use place::{CameraPose, ExposurePose, facility_system};
+pub use scene::SceneLight;
+pub(crate) use scene::Shown;
 
+use crate::buffers::Buffers;
 use crate::imperfections::Objective;
 use crate::{BenchError, Display, Imperfections};
 use dense::Dense;
@@ -41,6 +45,24 @@ pub struct Source {
     pub channel: usize,
     /// Electrons that the whole image makes, nothing cut.
     pub electrons: f64,
+}
+
+/// A screen image's light where it lands on the sensor.
+pub enum Landed {
+    /// Few sub-pixels, each on its own.
+    Points(Vec<Source>),
+    /// So many that their light is laid on the grid of camera pixels.
+    Scene(SceneLight),
+}
+
+impl Landed {
+    /// Electrons in all.
+    fn total_e(&self) -> f64 {
+        match self {
+            Self::Points(sources) => sources.iter().map(|source| source.electrons).sum(),
+            Self::Scene(light) => light.total_e(),
+        }
+    }
 }
 
 /// How finely the bench's optics are tabulated.
@@ -276,25 +298,9 @@ impl BenchOptics {
         Some((DVec2::new(x, y) + self.offsets[channel].at(at_mm), light))
     }
 
-    /// As [`BenchOptics::land`], of a position in screen pixels, interpolated to 0.001 px.
-    fn land_quickly(&self, at_px: [f64; 2], channel: usize) -> Option<(DVec2, f64)> {
-        let step = MAP_STEP_PX as f64;
-        let cell = [0, 1].map(|k| (at_px[k] / step).floor().clamp(0.0, (self.grid[k] - 2) as f64));
-        let (fx, fy) = ((at_px[0] / step - cell[0]) as f32, (at_px[1] / step - cell[1]) as f32);
-        let first = cell[1] as usize * self.grid[0] + cell[0] as usize;
-        let grid = &self.map_grid[channel];
-        let rows = [&grid[first..first + 2], &grid[first + self.grid[0]..first + self.grid[0] + 2]];
-        let value = |k: usize| {
-            let row = |r: &[[f32; FUNCTIONS]]| r[0][k] + fx * (r[1][k] - r[0][k]);
-            f64::from(row(rows[0]) + fy * (row(rows[1]) - row(rows[0])))
-        };
-        let light = value(2);
-        (!light.is_nan()).then(|| (DVec2::new(value(0), value(1)), light))
-    }
-
     /// The largest share of a sub-pixel's light that one pixel receives, where the optics are sharpest.
     pub fn sharpest_share(&self) -> f64 {
-        f64::from(self.kernels.tail[0])
+        f64::from(self.kernels.largest())
     }
 
     /// The camera as it stands.
@@ -312,15 +318,20 @@ impl BenchOptics {
         sparse::add(image, self.size_px, &self.kernels, sources);
     }
 
-    /// Adds the images of many sources at once, by Fourier transforms: for resolved scenes.
-    pub fn add_scene(&self, image: &mut [f32], sources: &[Source]) {
+    /// Adds the image of a scene to an image of electrons, by Fourier transforms.
+    pub fn add_scene(&self, image: &mut [f32], light: &SceneLight) {
         let dense = self.dense.get_or_init(|| Dense::new(&self.kernels, self.size_px));
-        dense.add(image, &self.kernels, sources);
+        dense.add(image, &self.kernels, light);
     }
 
-    /// Adds ghosts and veiling glare of these sources.
-    pub fn add_stray(&self, image: &mut [f32], sources: &[Source]) {
-        self.ghosts.add(image, self.size_px, &self.camera, sources);
+    /// Adds ghosts and veiling glare of a screen image.
+    pub fn add_stray(&self, image: &mut [f32], landed: &Landed) {
+        self.ghosts.add(image, self.size_px, &self.camera, landed);
+    }
+
+    /// Lays all light of a screen image on the grid of camera pixels, as a pose of one exposure sees it.
+    pub(crate) fn scene(&self, shown: Shown<'_>, pose: &ExposurePose, buffers: &Buffers) -> SceneLight {
+        SceneLight::lay(self, shown, pose, buffers)
     }
 
     /// Sources of lit sub-pixels as a pose of one exposure sees them; `full_electrons`: what a sub-pixel at
@@ -332,17 +343,13 @@ impl BenchOptics {
         pose: &ExposurePose,
         full_electrons: [f64; 3],
     ) -> Vec<Source> {
-        let exact = lit.len() <= crate::bench::MOST_POINTS;
         let margin = self.kernels.half_px() as f64;
+        let moved = pose.map(&self.camera);
         lit.par_iter()
             .with_min_len(1024)
             .filter_map(|sub| {
-                let (at_px, light) = if exact {
-                    self.land(display.mm(sub.at_px), sub.channel)?
-                } else {
-                    self.land_quickly(sub.at_px, sub.channel)?
-                };
-                let at_px = pose.apply(at_px, &self.camera);
+                let (at_px, light) = self.land(display.mm(sub.at_px), sub.channel)?;
+                let at_px = moved.transform_point2(at_px);
                 let [w, h] = self.size_px.map(|size| size as f64 + margin);
                 let lands = at_px.x > -margin && at_px.y > -margin && at_px.x < w && at_px.y < h;
                 lands.then_some(Source {

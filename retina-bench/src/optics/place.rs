@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DAffine2, DMat2, DMat3, DVec2, DVec3};
 use retina_files::InputError;
 use retina_geometry::{Pinhole, Setup};
 use retina_optics::constraints::BenchLimits;
@@ -192,8 +192,13 @@ impl Default for ExposurePose {
 impl ExposurePose {
     /// The moved position.
     pub fn apply(&self, at_px: DVec2, camera: &CameraPose) -> DVec2 {
+        self.map(camera).transform_point2(at_px)
+    }
+
+    /// What [`ExposurePose::apply`] does to every position.
+    pub(super) fn map(&self, camera: &CameraPose) -> DAffine2 {
         let centre = DVec2::new(camera.pinhole.cx_px, camera.pinhole.cy_px);
-        let from = (at_px - centre) * self.scale;
-        centre + DVec2::from_angle(self.roll_rad).rotate(from) + self.shift_px
+        let turn = DMat2::from_angle(self.roll_rad) * self.scale;
+        DAffine2 { matrix2: turn, translation: centre + self.shift_px - turn * centre }
     }
 }

@@ -1,9 +1,11 @@
 //! Few sources: each one's kernel is laid on the image where its light lands.
 
+use glam::DVec2;
 use rayon::prelude::*;
+use retina_simd::{Kernel, Level};
 
 use super::Source;
-use super::kernels::{Kernels, PER_PX};
+use super::kernels::{Blend, Kernels, PER_PX};
 
 /// What is left out of a kernel makes less than this in any pixel, electrons.
 const NEGLIGIBLE_E: f64 = 0.02;
@@ -11,132 +13,196 @@ const NEGLIGIBLE_E: f64 = 0.02;
 /// Sources that take one blended kernel lie in one cell of this size, pixels.
 const CELL_PX: f64 = 16.0;
 
+/// Pixels that are computed at once.
+const LANES: usize = 16;
+
+/// Rows of the image that one thread adds patches to.
+const BAND_ROWS: usize = 32;
+
 /// A rectangle of the image with its own electrons.
 struct Patch {
     x: i64,
     y: i64,
-    side: usize,
+    width: usize,
     values: Vec<f32>,
 }
 
 /// Adds the images of sources to an image of electrons.
 pub(super) fn add(image: &mut [f32], size_px: [usize; 2], kernels: &Kernels, sources: &[Source]) {
+    let mut placed: Vec<Placed> = sources.iter().map(|source| Placed::new(kernels, source)).collect();
     // Cells that blend the same kernels follow each other: those are then still in the processor's cache.
-    let cell = |source: &Source| {
-        let [x, y] = [source.at_px.x, source.at_px.y].map(|v| (v / CELL_PX).floor() as i64);
-        let [(node, _), ..] = kernels.blend(source.at_px);
-        (source.channel, node, y, x)
-    };
-    let mut order: Vec<usize> = (0..sources.len()).collect();
-    order.sort_by_cached_key(|&i| (cell(&sources[i]), i));
-    let groups: Vec<&[usize]> = order.chunk_by(|&a, &b| cell(&sources[a]) == cell(&sources[b])).collect();
-    let arch = pulp::Arch::new();
-    // In blocks, so that patches do not pile up; added in their order, so that sums do not depend on threads.
-    for block in groups.chunks(512) {
-        let patches: Vec<Vec<Patch>> =
-            block.par_iter().map(|group| arch.dispatch(Group { kernels, sources, group })).collect();
-        for patch in patches.iter().flatten() {
-            patch.add_to(image, size_px);
-        }
+    placed.sort_by_key(|source| (source.cell, source.channel));
+    let groups: Vec<&[Placed]> = placed.chunk_by(|a, b| a.cell == b.cell).collect();
+    let level = Level::detect();
+    // In blocks, so that patches do not pile up.
+    for block in groups.chunks(1024) {
+        let patches: Vec<Patch> = block
+            .par_iter()
+            .map_init(Vec::new, |scratch, group| level.run(Group { kernels, group, scratch }))
+            .collect();
+        let [width, _] = size_px;
+        // Each pixel takes the patches in their order, so that sums do not depend on threads.
+        image.par_chunks_mut(BAND_ROWS * width).enumerate().for_each(|(band, rows)| {
+            for patch in &patches {
+                patch.add_to(rows, (band * BAND_ROWS) as i64, width);
+            }
+        });
     }
 }
 
-/// Sources of one cell, to be laid on the image with the processor's widest registers. The sums are the same with narrow
-/// ones. This is no closure, for the reason that the sensor's rows give.
-struct Group<'a> {
-    kernels: &'a Kernels,
-    sources: &'a [Source],
-    group: &'a [usize],
+/// A source with what its kernel needs.
+struct Placed {
+    /// First node of the four that are blended, and the cell's row and column.
+    cell: (usize, i64, i64),
+    channel: usize,
+    at_px: DVec2,
+    electrons: f64,
+    /// How far its kernel counts, pixels.
+    reach: usize,
 }
 
-impl pulp::NullaryFnOnce for Group<'_> {
-    type Output = Vec<Patch>;
+impl Placed {
+    fn new(kernels: &Kernels, source: &Source) -> Self {
+        let &Source { at_px, channel, electrons } = source;
+        let [x, y] = [at_px.x, at_px.y].map(|v| (v / CELL_PX).floor() as i64);
+        let blend = kernels.blend(at_px);
+        let limit = (NEGLIGIBLE_E / electrons.max(1e-30)) as f32;
+        let reach = kernels.reach(&blend, channel, limit).clamp(2, kernels.half_px() - 2);
+        Self { cell: (blend[0].0, y, x), channel, at_px, electrons, reach }
+    }
+
+    /// The pixel that the source lies in.
+    fn pixel(&self) -> [i64; 2] {
+        [self.at_px.x.floor() as i64, self.at_px.y.floor() as i64]
+    }
+}
+
+/// The sources of one cell, sorted by channel, as one patch.
+struct Group<'a> {
+    kernels: &'a Kernels,
+    group: &'a [Placed],
+    scratch: &'a mut Vec<f32>,
+}
+
+impl Kernel for Group<'_> {
+    type Output = Patch;
 
     #[inline(always)]
-    fn call(self) -> Vec<Patch> {
-        let blended = Blended::new(self.kernels, self.sources, self.group);
-        let mut patches = Vec::with_capacity(self.group.len());
-        for &i in self.group {
-            patches.push(blended.patch(self.kernels, &self.sources[i]));
+    fn run(self) -> Patch {
+        let Self { kernels, group, scratch } = self;
+        let reach = |sources: &[Placed]| sources.iter().map(|source| source.reach).max().unwrap_or(0);
+        let along = |k: usize| group.iter().map(move |source| source.pixel()[k]);
+        let least = [0, 1].map(|k| along(k).min().unwrap_or(0));
+        let most = [0, 1].map(|k| along(k).max().unwrap_or(0));
+        let far = reach(group);
+        // Rows are laid by whole registers.
+        let width = (most[0] - least[0]) as usize + 2 * far + LANES;
+        let height = (most[1] - least[1]) as usize + 2 * far + 1;
+        let mut patch = Patch {
+            x: least[0] - far as i64,
+            y: least[1] - far as i64,
+            width,
+            values: vec![0.0; width * height],
+        };
+        let middle = group.iter().map(|source| source.at_px).sum::<DVec2>() / group.len() as f64;
+        let blend = kernels.blend(middle);
+        for sources in group.chunk_by(|a, b| a.channel == b.channel) {
+            let blended = Blended::new(kernels, &blend, sources[0].channel, reach(sources), scratch);
+            for source in sources {
+                blended.lay(source, &mut patch);
+            }
         }
-        patches
+        patch
     }
 }
 
 /// The kernel of a group, blended once as far as its brightest source needs it.
-struct Blended {
-    values: Vec<f32>,
-    reach: usize,
+struct Blended<'a> {
+    /// Phase by phase: whole rows of the kernels' planes, so that each phase is one stretch of memory.
+    values: &'a [f32],
+    plane: usize,
+    half: usize,
+    /// Of the kernel's plane the first row that is blended, and how many.
+    first: usize,
+    rows: usize,
 }
 
-/// How far a source's kernel counts, pixels.
-fn reach_of(kernels: &Kernels, source: &Source) -> usize {
-    let half = kernels.half_px();
-    let limit = (NEGLIGIBLE_E / source.electrons.max(1e-30)) as f32;
-    kernels.tail.iter().position(|&value| value < limit).unwrap_or(half).clamp(2, half - 2)
-}
-
-impl Blended {
+impl<'a> Blended<'a> {
     #[inline(always)]
-    fn new(kernels: &Kernels, all: &[Source], group: &[usize]) -> Self {
+    fn new(
+        kernels: &Kernels,
+        blend: &Blend,
+        channel: usize,
+        reach: usize,
+        scratch: &'a mut Vec<f32>,
+    ) -> Self {
         let (plane, half) = (kernels.plane(), kernels.half_px());
-        let reach = group.iter().map(|&i| reach_of(kernels, &all[i])).max().unwrap_or(0);
-        let sum: glam::DVec2 = group.iter().map(|&i| all[i].at_px).sum();
-        let mut values = vec![0.0; PER_PX * PER_PX * plane * plane];
-        // Two rows and columns more: a source stands up to a pixel beside the middle sample.
-        let (first, last) = (half - reach - 2, (half + reach + 2).min(plane - 1));
-        let blend = kernels.blend(sum / group.len() as f64);
-        let nodes = blend.map(|(node, _)| &kernels.phases(node, all[group[0]].channel).values[..]);
-        let shares = blend.map(|(_, share)| share);
-        for phase in 0..PER_PX * PER_PX {
-            for row in first..=last {
-                let start = (phase * plane + row) * plane;
-                let range = start + first..start + last + 1;
-                add_weighted(&mut values[range.clone()], nodes.map(|values| &values[range.clone()]), shares);
+        // Two rows more on each side: a source stands up to a pixel beside the middle sample.
+        let (first, rows) = (half - reach - 2, 2 * reach + 5);
+        let phases = blend.map(|(node, _)| kernels.phases(node, channel));
+        let scales: [f32; 4] = std::array::from_fn(|k| blend[k].1 * phases[k].scale);
+        let count = rows * plane;
+        scratch.resize(PER_PX * PER_PX * count + LANES, 0.0);
+        // The last row is read beyond its end.
+        scratch[PER_PX * PER_PX * count..].fill(0.0);
+        for (phase, to) in scratch.chunks_exact_mut(count).take(PER_PX * PER_PX).enumerate() {
+            let start = (phase * plane + first) * plane;
+            let [a, b, c, d] = phases.map(|phases| &phases.roots[start..start + count]);
+            for ((((to, &a), &b), &c), &d) in to.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+                let [a, b, c, d] = [a, b, c, d].map(f32::from);
+                *to =
+                    (scales[0] * (a * a) + scales[1] * (b * b)) + (scales[2] * (c * c) + scales[3] * (d * d));
             }
         }
-        Self { values, reach }
+        Self { values: scratch, plane, half, first, rows }
     }
 
+    /// Adds a source's image to its group's patch.
     #[inline(always)]
-    fn patch(&self, kernels: &Kernels, source: &Source) -> Patch {
-        let (plane, half) = (kernels.plane(), kernels.half_px());
-        let reach = reach_of(kernels, source).min(self.reach);
+    fn lay(&self, source: &Placed, patch: &mut Patch) {
+        let reach = source.reach;
         // Pixel i (centre i + 0.5) lies at i + 0.5 - x from the source: sample 4 (that + half).
         let split = |v: f64| {
-            let nearest = v.floor() as i64;
-            let sample = (nearest as f64 + 0.5 - v + half as f64) * PER_PX as f64;
-            (nearest, sample.floor() as usize, sample - sample.floor())
+            let sample = (v.floor() + 0.5 - v + self.half as f64) * PER_PX as f64;
+            (sample.floor() as usize, sample - sample.floor())
         };
-        let (x, sample_x, fx) = split(source.at_px.x);
-        let (y, sample_y, fy) = split(source.at_px.y);
+        let (sample_x, fx) = split(source.at_px.x);
+        let (sample_y, fy) = split(source.at_px.y);
         let (wx, wy) = (cubic(fx), cubic(fy));
+        let mut weights = [0.0; 16];
+        let mut taps = [0; 16];
+        for (k, (weight, tap)) in weights.iter_mut().zip(&mut taps).enumerate() {
+            let (u, v) = (sample_x + k % 4 - 1, sample_y + k / 4 - 1);
+            *weight = (source.electrons * wx[k % 4] * wy[k / 4]) as f32;
+            let phase = v % PER_PX * PER_PX + u % PER_PX;
+            let (column, row) = (u / PER_PX - reach, v / PER_PX - reach - self.first);
+            *tap = (phase * self.rows + row) * self.plane + column;
+        }
         let side = 2 * reach + 1;
-        let mut values = vec![0f32; side * side];
-        for (b, wy) in wy.into_iter().enumerate() {
-            let v = sample_y + b - 1;
-            let (row_phase, middle_j) = (v % PER_PX, v / PER_PX);
-            let taps = [0, 1, 2, 3].map(|a| {
-                let u = sample_x + a - 1;
-                let (phase, middle_i) = (row_phase * PER_PX + u % PER_PX, u / PER_PX);
-                (phase * plane + middle_j - reach) * plane + middle_i - reach
-            });
-            let weights = wx.map(|wx| (source.electrons * wx * wy) as f32);
-            for (row, to) in values.chunks_exact_mut(side).enumerate() {
-                let from = taps.map(|tap| &self.values[tap + row * plane..tap + row * plane + side]);
-                add_weighted(to, from, weights);
+        let registers = side.div_ceil(LANES);
+        let length = registers * LANES;
+        // Of a row's last register what lies within the reach.
+        let last: [f32; LANES] = std::array::from_fn(|k| if length - LANES + k < side { 1.0 } else { 0.0 });
+        let [x, y] = source.pixel();
+        let left = (x - patch.x) as usize - reach;
+        let above = (y - patch.y) as usize - reach;
+        for row in 0..side {
+            let to = &mut patch.values[(above + row) * patch.width + left..][..length];
+            let from = taps.map(|tap| self.values[tap + row * self.plane..][..length].as_chunks::<LANES>().0);
+            for (i, to) in to.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
+                let mut sum = [0.0; LANES];
+                for (from, weight) in from.iter().zip(weights) {
+                    let from = &from[i];
+                    for k in 0..LANES {
+                        sum[k] += weight * from[k];
+                    }
+                }
+                let within = if i + 1 < registers { &[1.0; LANES] } else { &last };
+                for k in 0..LANES {
+                    to[k] += within[k] * sum[k];
+                }
             }
         }
-        Patch { x: x - reach as i64, y: y - reach as i64, side, values }
-    }
-}
-
-/// Adds four rows of one length with their weights, in one pass.
-#[inline(always)]
-fn add_weighted(to: &mut [f32], from: [&[f32]; 4], weights: [f32; 4]) {
-    let [a, b, c, d] = from;
-    for ((((to, a), b), c), d) in to.iter_mut().zip(a).zip(b).zip(c).zip(d) {
-        *to += (weights[0] * a + weights[1] * b) + (weights[2] * c + weights[3] * d);
     }
 }
 
@@ -151,20 +217,19 @@ fn cubic(t: f64) -> [f64; 4] {
 }
 
 impl Patch {
-    fn add_to(&self, image: &mut [f32], [width, height]: [usize; 2]) {
-        let first = (-self.x).clamp(0, self.side as i64) as usize;
-        let last = (width as i64 - self.x).clamp(0, self.side as i64) as usize;
-        if first >= last {
+    /// Adds it to rows of the image from row `first` on.
+    fn add_to(&self, rows: &mut [f32], first: i64, width: usize) {
+        let from = (-self.x).clamp(0, self.width as i64) as usize;
+        let to = (width as i64 - self.x).clamp(0, self.width as i64) as usize;
+        if from >= to {
             return;
         }
-        for row in 0..self.side {
-            let y = self.y + row as i64;
-            if (0..height as i64).contains(&y) {
-                let start = y as usize * width + (self.x + first as i64) as usize;
-                let to = &mut image[start..start + last - first];
-                let from = &self.values[row * self.side + first..row * self.side + last];
-                to.iter_mut().zip(from).for_each(|(to, from)| *to += from);
-            }
+        let skipped = (first - self.y).max(0) as usize;
+        for (row, values) in self.values.chunks_exact(self.width).enumerate().skip(skipped) {
+            let start = (self.y + row as i64 - first) as usize * width;
+            let Some(line) = rows.get_mut(start..start + width) else { break };
+            let line = &mut line[(self.x + from as i64) as usize..][..to - from];
+            line.iter_mut().zip(&values[from..to]).for_each(|(sum, value)| *sum += value);
         }
     }
 }

@@ -10,7 +10,7 @@ use retina_geometry::Setup;
 use retina_optics::analysis::ghosts;
 use retina_optics::{Clipping, Launcher, OpticalSystem, Tracer};
 
-use super::{CameraPose, Source};
+use super::{CameraPose, Landed};
 use crate::BenchError;
 
 /// Ghosts wider than this share of the sensor's height are glare.
@@ -72,15 +72,15 @@ impl Ghosts {
         Ok(Self { ghosts: found, glare })
     }
 
-    /// Adds the stray light of these sources to an image of electrons.
+    /// Adds the stray light of a screen image to an image of electrons.
     pub(super) fn add(
         &self,
         image: &mut [f32],
         [width, height]: [usize; 2],
         camera: &CameraPose,
-        sources: &[Source],
+        landed: &Landed,
     ) {
-        let total: f64 = sources.iter().map(|source| source.electrons).sum();
+        let total = landed.total_e();
         let mut even = total * self.glare / (width * height) as f64;
         // All light in one place would make this of a ghost; below it a ghost is as good as glare.
         let counts = |ghost: &&Ghost| {
@@ -91,35 +91,41 @@ impl Ghosts {
         let even = even as f32;
         let cells = [width.div_ceil(CELL_PX), height.div_ceil(CELL_PX)];
         let centre = DVec2::new(camera.pinhole.cx_px, camera.pinhole.cy_px);
-        // Sources on the coarse grid once; each ghost lays the lit cells.
-        let mut lit = vec![0f64; cells[0] * cells[1]];
+        // The light on the coarse grid once; each ghost lays the lit cells.
         let cell_of = |at: DVec2| {
             let cell = at / CELL_PX as f64;
             let on = cell.x >= 0.0 && cell.y >= 0.0 && cell.x < cells[0] as f64 && cell.y < cells[1] as f64;
             on.then(|| cell.y as usize * cells[0] + cell.x as usize)
         };
-        for source in sources {
-            if let Some(cell) = cell_of(source.at_px) {
-                lit[cell] += source.electrons;
+        let lit = match landed {
+            Landed::Scene(light) => light.binned([width, height], CELL_PX),
+            Landed::Points(sources) => {
+                let mut lit = vec![0f64; cells[0] * cells[1]];
+                for source in sources {
+                    if let Some(cell) = cell_of(source.at_px) {
+                        lit[cell] += source.electrons;
+                    }
+                }
+                lit
             }
-        }
+        };
         let mut stray = vec![even; cells[0] * cells[1]];
-        let lay = |ghost: &Ghost| {
-            let mut laid = vec![0f64; cells[0] * cells[1]];
+        let lay = |other: &mut Vec<f32>, ghost: &Ghost| {
+            let mut laid = vec![0f32; cells[0] * cells[1]];
             for (cell, &electrons) in lit.iter().enumerate().filter(|(_, electrons)| **electrons > 0.0) {
                 let at = DVec2::new((cell % cells[0]) as f64 + 0.5, (cell / cells[0]) as f64 + 0.5)
                     * CELL_PX as f64;
                 if let Some(cell) = cell_of(centre + (at - centre) * ghost.scale) {
-                    laid[cell] += electrons * ghost.share / (CELL_PX * CELL_PX) as f64;
+                    laid[cell] += (electrons * ghost.share) as f32 / (CELL_PX * CELL_PX) as f32;
                 }
             }
-            spread(&mut laid, cells, ghost.radius_px / CELL_PX as f64);
+            spread(&mut laid, other, cells, ghost.radius_px / CELL_PX as f64);
             laid
         };
         // Added in their order, so that sums do not depend on threads.
         let kept: Vec<&Ghost> = self.ghosts.iter().filter(counts).collect();
-        for laid in kept.par_iter().map(|ghost| lay(ghost)).collect::<Vec<_>>() {
-            stray.iter_mut().zip(laid).for_each(|(sum, value)| *sum += value as f32);
+        for laid in kept.par_iter().map_init(Vec::new, |other, ghost| lay(other, ghost)).collect::<Vec<_>>() {
+            stray.iter_mut().zip(laid).for_each(|(sum, value)| *sum += value);
         }
         if kept.is_empty() {
             image.par_iter_mut().for_each(|value| *value += even);
@@ -151,32 +157,51 @@ impl Ghosts {
     }
 }
 
-/// Spreads light over discs by three passes of boxes of the same second moment: r^2 / 4 an axis.
-fn spread(light: &mut [f64], [width, height]: [usize; 2], radius: f64) {
+/// Spreads light over discs by three passes of boxes along each axis, of the same second moment: r^2 / 4 an axis.
+/// `other` is work space.
+fn spread(light: &mut Vec<f32>, other: &mut Vec<f32>, [width, height]: [usize; 2], radius: f64) {
     // A box of w cells has (w^2 - 1) / 12.
-    let box_half =
-        ((0.5 * ((12.0 * radius * radius / 4.0 / 3.0 + 1.0).sqrt() - 1.0)).round() as usize).min(width);
+    let box_half = (0.5 * ((12.0 * radius * radius / 4.0 / 3.0 + 1.0).sqrt() - 1.0)).round() as usize;
     if box_half == 0 {
         return;
     }
-    let mut line = Vec::new();
-    let mut pass = |light: &mut [f64], first: usize, step: usize, count: usize| {
-        line.clear();
-        line.push(0.0);
-        for i in 0..count {
-            line.push(line[i] + light[first + i * step]);
+    for [columns, rows] in [[width, height], [height, width]] {
+        other.resize(light.len(), 0.0);
+        for _ in 0..3 {
+            box_along_columns(light, other, columns, box_half.min(rows));
+            std::mem::swap(light, other);
         }
-        for i in 0..count {
-            let (from, to) = (i.saturating_sub(box_half), (i + box_half + 1).min(count));
-            light[first + i * step] = (line[to] - line[from]) / (2 * box_half + 1) as f64;
+        transpose(light, other, columns);
+        std::mem::swap(light, other);
+    }
+}
+
+/// Means over 2 `half` + 1 rows, a row at a time: whole rows are added to a running sum, and taken from it. Roundings add up
+/// to a few 1e-6 of the largest sum.
+fn box_along_columns(from: &[f32], to: &mut [f32], columns: usize, half: usize) {
+    let rows = from.len() / columns;
+    let row = |y: usize| &from[y * columns..(y + 1) * columns];
+    let mut sum = vec![0.0; columns];
+    for y in 0..half.min(rows) {
+        sum.iter_mut().zip(row(y)).for_each(|(sum, value)| *sum += value);
+    }
+    let share = 1.0 / (2 * half + 1) as f32;
+    for (y, to) in to.chunks_exact_mut(columns).enumerate() {
+        if y + half < rows {
+            sum.iter_mut().zip(row(y + half)).for_each(|(sum, value)| *sum += value);
         }
-    };
-    for _ in 0..3 {
-        for y in 0..height {
-            pass(light, y * width, 1, width);
+        if let Some(gone) = y.checked_sub(half + 1) {
+            sum.iter_mut().zip(row(gone)).for_each(|(sum, value)| *sum -= value);
         }
-        for x in 0..width {
-            pass(light, x, width, height);
+        to.iter_mut().zip(&sum).for_each(|(to, sum)| *to = sum * share);
+    }
+}
+
+fn transpose(from: &[f32], to: &mut [f32], columns: usize) {
+    let rows = from.len() / columns;
+    for (y, row) in from.chunks_exact(columns).enumerate() {
+        for (x, value) in row.iter().enumerate() {
+            to[x * rows + y] = *value;
         }
     }
 }

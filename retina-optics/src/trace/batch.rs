@@ -1,6 +1,8 @@
 //! Many rays at once: structure of arrays, blocks that stay in the first-level cache, and vector
 //! code chosen at run time.
 
+use retina_simd::{Kernel, Level};
+
 use super::compile::{
     Action, Element, ElementShape, Step, Tracer, Turned, meet_figure, meet_ideal, settle, turn,
 };
@@ -101,47 +103,14 @@ impl FromIterator<Ray> for RayBatch {
     }
 }
 
-/// The vector instructions a batch is traced with. Results do not depend on it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum InstructionSet {
-    /// What every processor of the target has (x86-64: SSE2).
-    Baseline,
-    /// AVX2, four rays at once.
-    Avx2,
-    /// AVX-512, eight rays at once.
-    Avx512,
-}
-
-impl InstructionSet {
-    /// The widest that this processor has.
-    pub fn detect() -> Self {
-        [Self::Avx512, Self::Avx2].into_iter().find(|set| set.is_available()).unwrap_or(Self::Baseline)
-    }
-
-    /// Whether this processor has it.
-    pub fn is_available(self) -> bool {
-        match self {
-            Self::Baseline => true,
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => is_x86_feature_detected!("avx2"),
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq"),
-            #[cfg(not(target_arch = "x86_64"))]
-            _ => false,
-        }
-    }
-}
-
 impl Tracer {
     /// Traces a batch to the image with the widest vector instructions there are.
     pub fn trace_batch(&self, rays: &mut RayBatch) {
-        self.trace_batch_with(rays, InstructionSet::detect());
+        self.trace_batch_with(rays, Level::detect());
     }
 
-    /// As [`Tracer::trace_batch`], with a stated instruction set; where the processor does not have
-    /// it, the baseline is used, which gives the same bits.
-    pub fn trace_batch_with(&self, rays: &mut RayBatch, set: InstructionSet) {
-        let set = if set.is_available() { set } else { InstructionSet::Baseline };
+    /// As [`Tracer::trace_batch`], with stated vector instructions. Results do not depend on them.
+    pub fn trace_batch_with(&self, rays: &mut RayBatch, level: Level) {
         let mut start = 0;
         while start < rays.len() {
             let end = (start + BLOCK).min(rays.len());
@@ -155,7 +124,7 @@ impl Tracer {
                 path: &mut rays.path_mm[start..end],
                 status: &mut rays.status[start..end],
             };
-            run(&self.elements, &mut block, set);
+            level.run(Trace { elements: &self.elements, block: &mut block });
             start = end;
         }
     }
@@ -177,41 +146,24 @@ struct Block<'a> {
     status: &'a mut [u64],
 }
 
-#[cfg(target_arch = "x86_64")]
-#[allow(
-    unsafe_code,
-    reason = "a function compiled for more instructions than the target's baseline can only be called so; 1.9 times the \
-              baseline's rate was measured with AVX2"
-)]
-fn run(elements: &[Element], block: &mut Block<'_>, set: InstructionSet) {
-    #[target_feature(enable = "avx2")]
-    fn avx2(elements: &[Element], block: &mut Block<'_>) {
-        run_portable(elements, block);
-    }
-    #[target_feature(enable = "avx512f,avx512dq")]
-    fn avx512(elements: &[Element], block: &mut Block<'_>) {
-        run_portable(elements, block);
-    }
-    match set {
-        InstructionSet::Baseline => run_portable(elements, block),
-        // SAFETY: the functions are safe Rust; the one condition for calling them is that the
-        // processor has their instructions, and `trace_batch_with` lets a set through to here only
-        // after `is_available` has asked the processor for exactly these features.
-        InstructionSet::Avx2 => unsafe { avx2(elements, block) },
-        // SAFETY: as above.
-        InstructionSet::Avx512 => unsafe { avx512(elements, block) },
+/// A block through all elements.
+struct Trace<'a, 'b> {
+    elements: &'a [Element],
+    block: &'a mut Block<'b>,
+}
+
+impl Kernel for Trace<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        run(self.elements, self.block);
     }
 }
 
-#[cfg(not(target_arch = "x86_64"))]
-fn run(elements: &[Element], block: &mut Block<'_>, _: InstructionSet) {
-    run_portable(elements, block);
-}
-
-/// Surfaces outside, rays inside. Inlined into each of the functions above, so that its loops are
-/// compiled for their instructions.
+/// Surfaces outside, rays inside.
 #[inline(always)]
-fn run_portable(elements: &[Element], block: &mut Block<'_>) {
+fn run(elements: &[Element], block: &mut Block<'_>) {
     for element in elements {
         let dz = match &element.step {
             Step::Axial(dz) => *dz,

@@ -13,7 +13,7 @@ mod step;
 
 use glam::DVec3;
 
-pub use batch::{InstructionSet, RayBatch};
+pub use batch::RayBatch;
 pub(crate) use compile::indices_behind;
 pub use compile::{Clipping, Tracer};
 pub(crate) use step::MAX_ASPHERIC_TERMS;

@@ -3,8 +3,8 @@
 use glam::{DVec2, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 use retina_radiometry::{Photometry, sun_angular_radius_rad, sun_irradiance_w_m2_nm};
+use retina_simd::Level;
 
-use super::level::Level;
 use crate::FrameState;
 use crate::arrays::SceneArrays;
 use crate::frame::contrast_reference;

@@ -12,7 +12,6 @@
 
 mod coverage;
 mod frame;
-mod level;
 mod pixels;
 mod rays;
 mod reads;
@@ -24,13 +23,13 @@ mod visibility;
 use glam::DVec2;
 use rayon::prelude::*;
 use retina_radiometry::Photometry;
+use retina_simd::Level;
 
 use crate::arrays::SceneArrays;
 use crate::placing;
 use crate::small::Window;
 use crate::{BodyModel, FrameState, Planes, Quality, RadianceImage};
 use frame::Prepared;
-use level::Level;
 use pixels::{Owner, Pixel, Sunlit};
 use tiles::{Sampling, TileWork};
 
@@ -58,12 +57,12 @@ impl NativeRenderer {
 
     /// The same renderer without the processor's wider vectors: slower, the same bytes.
     pub fn portable(self) -> Self {
-        Self { level: Level::Portable, ..self }
+        Self { level: Level::PORTABLE, ..self }
     }
 
     /// The vector instructions in use: `AVX-512`, `AVX2` or `portable`.
     pub fn instructions(&self) -> &'static str {
-        self.level.name()
+        self.level.set().name()
     }
 
     /// Renders a frame.

@@ -1,8 +1,8 @@
 //! Whether rays are blocked: eight at a time through a body's hierarchy.
 
 use glam::{Mat3, Vec3};
+use retina_simd::Kernel;
 
-use super::level::Kernel;
 use crate::arrays::SceneArrays;
 use crate::arrays::bvh::Node;
 

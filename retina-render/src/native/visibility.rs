@@ -3,8 +3,9 @@
 
 use glam::{DVec2, DVec3};
 
+use retina_simd::Kernel;
+
 use super::frame::Prepared;
-use super::level::Kernel;
 
 /// A linear function of the line of sight: value at the tile's reference, growth along x and along y.
 #[derive(Clone, Copy, Default)]

@@ -154,7 +154,7 @@ async fn image(State(app): Shared, Json(asked): Json<Asked>) -> Answer {
         let mut light = if asked.ghosts {
             bench.light_e(&on_screen, &second)?
         } else {
-            bench.focused_e(&bench.sources(&on_screen, &second)?, &second)
+            bench.focused_e(&bench.landed(&on_screen, &second)?, &second)
         };
         let brightest = light.par_iter().copied().reduce(|| 0.0, f32::max);
         let full_well_e = bench.sensor().full_well_e();
