@@ -17,7 +17,6 @@ mod hash;
 mod imperfections;
 mod noise;
 mod optics;
-mod rounding;
 mod sensor;
 
 pub use bench::{Bench, BenchOptions, CameraFrame, Exposure};

@@ -5,8 +5,9 @@
 
 use std::f32::consts::{FRAC_1_SQRT_2, LN_2};
 
+use retina_simd::{floor, sine_and_cosine, whole_number};
+
 use crate::hash;
-use crate::rounding::{ROUNDER, floor};
 
 /// Means from here on are drawn by an expansion; below, by going through the counts one by one.
 const MANY: f32 = 10.0;
@@ -66,7 +67,7 @@ impl Noise {
             let (mut first, mut second) = ([0.0; LANES], [0.0; LANES]);
             for k in 0..LANES {
                 let radius = radius(u[k]);
-                let (sine, cosine) = sine_and_cosine(v[k]);
+                let (sine, cosine) = sine_and_cosine(turns(v[k]));
                 first[k] = radius * cosine;
                 second[k] = radius * sine;
             }
@@ -100,7 +101,7 @@ impl Noise {
     /// m + m^1/2 z + (1/3 + z^2/6) - m^-1/2 (z/36 + z^3/72) + m^-1 (-8/405 + 7 z^2/810 + z^4/270), rounded down.
     #[inline(always)]
     fn many(&mut self, means: &mut Lane, first: &Lanes) {
-        let turns = self.lanes.next();
+        let second = self.lanes.next();
         let mut small = [0.0; LANES];
         for k in 0..LANES {
             small[k] = if means[k] < MANY { means[k] } else { 0.0 };
@@ -108,7 +109,7 @@ impl Noise {
         few(&mut small, first);
         for k in 0..LANES {
             let m = means[k];
-            let (_, cosine) = sine_and_cosine(turns[k]);
+            let (_, cosine) = sine_and_cosine(turns(second[k]));
             let z = radius(first[k]) * cosine;
             let (z2, root) = (z * z, if m > MANY { m } else { MANY }.sqrt());
             let third = -z * (1.0 / 36.0 + z2 * (1.0 / 72.0));
@@ -162,8 +163,8 @@ fn uniform(random: u32) -> f32 {
 /// exp(-x) for x from 0 to 80, to 2e-7 of it: a power of two, and the series of the rest.
 #[inline(always)]
 fn exp_of_minus(x: f32) -> f32 {
-    let rounded = x * std::f32::consts::LOG2_E + ROUNDER;
-    let whole = rounded - ROUNDER;
+    let halvings = whole_number(x * std::f32::consts::LOG2_E);
+    let whole = halvings as f32;
     // ln 2 in two parts, so that the difference keeps its digits.
     let rest = (whole * 0.693_359_4 - x) - whole * 2.121_944_4e-4;
     let series = 1.0
@@ -172,7 +173,13 @@ fn exp_of_minus(x: f32) -> f32 {
                 + rest
                     * (1.0 / 2.0
                         + rest * (1.0 / 6.0 + rest * (1.0 / 24.0 + rest * (1.0 / 120.0 + rest / 720.0)))));
-    series * f32::from_bits(127u32.wrapping_sub(rounded.to_bits()) << 23)
+    series * f32::from_bits(127u32.wrapping_sub(halvings) << 23)
+}
+
+/// A part of the full turn, -1/2 to 1/2.
+#[inline(always)]
+fn turns(random: u32) -> f32 {
+    random.cast_signed() as f32 * 2f32.powi(-32)
 }
 
 /// A normal number's distance from 0 in Box and Muller's plane.
@@ -192,21 +199,6 @@ fn ln(x: f32) -> f32 {
     let t2 = t * t;
     let series = 2.0 + t2 * (2.0 / 3.0 + t2 * (2.0 / 5.0 + t2 * (2.0 / 7.0 + t2 * (2.0 / 9.0))));
     exponent as f32 * LN_2 + t * series
-}
-
-/// Sine and cosine of a part of the full turn, `turn` / 2^32: Taylor's series within an eighth of a turn about the
-/// nearest quarter, to 4e-8 and 4e-8.
-#[inline(always)]
-fn sine_and_cosine(turn: u32) -> (f32, f32) {
-    let quarter = turn.wrapping_add(1 << 29) >> 30;
-    let rest = turn.wrapping_sub(quarter << 30) as i32;
-    let x = rest as f32 * (std::f32::consts::TAU * 2f32.powi(-32));
-    let x2 = x * x;
-    let sine = x * (1.0 - x2 * (1.0 / 6.0 - x2 * (1.0 / 120.0 - x2 * (1.0 / 5040.0))));
-    let cosine = 1.0 - x2 * (0.5 - x2 * (1.0 / 24.0 - x2 * (1.0 / 720.0 - x2 * (1.0 / 40320.0))));
-    let (a, b) = if quarter & 1 == 0 { (sine, cosine) } else { (cosine, sine) };
-    let sign = |negative: bool| if negative { -1.0 } else { 1.0 };
-    (a * sign(quarter >= 2), b * sign(quarter == 1 || quarter == 2))
 }
 
 #[cfg(test)]
@@ -304,11 +296,6 @@ mod tests {
             let x = k as f32 * 1.7e-5;
             let exact = f64::from(x).ln();
             assert!((f64::from(ln(x)) - exact).abs() < 2e-7 * exact.abs().max(1.0), "{x}");
-            let turn = k.wrapping_mul(0x9e37_79b9);
-            let angle = std::f64::consts::TAU * f64::from(turn) / 2f64.powi(32);
-            let (sine, cosine) = sine_and_cosine(turn);
-            assert!((f64::from(sine) - angle.sin()).abs() < 5e-7, "{turn}: {sine}");
-            assert!((f64::from(cosine) - angle.cos()).abs() < 5e-7, "{turn}: {cosine}");
             let x = x * 10.0;
             let exact = f64::from(-x).exp();
             assert!((f64::from(exp_of_minus(x)) - exact).abs() < 3e-7 * exact, "{x}");

@@ -3,10 +3,9 @@
 use rayon::prelude::*;
 use retina_geometry::Setup;
 use retina_radiometry::QuantumEfficiency;
-use retina_simd::{Kernel, Level};
+use retina_simd::{Kernel, Level, whole_number};
 
 use crate::noise::Noise;
-use crate::rounding::whole_number;
 use crate::{Imperfections, hash};
 
 /// Dark current doubles over so many kelvin.

@@ -22,6 +22,10 @@
 //! assert_eq!(values, [2.0, 4.0]);
 //! ```
 
+mod lanes;
+
+pub use lanes::{clamp, floor, max, min, sine_and_cosine, whole_number};
+
 /// Vector instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InstructionSet {

@@ -5,12 +5,11 @@
 
 use glam::{DAffine2, DVec2};
 use rayon::prelude::*;
-use retina_simd::{Kernel, Level};
+use retina_simd::{Kernel, Level, floor, whole_number};
 
 use super::kernels::Kernels;
 use super::{BenchOptics, ExposurePose, MAP_STEP_PX};
 use crate::buffers::Buffers;
-use crate::rounding::{floor, whole_number};
 use crate::{Display, ScreenImage};
 
 /// Rows of the sensor that one task lays.

@@ -8,12 +8,13 @@
 //! a Fourier transform over a grid of (projected) pupil points, whose step is chosen such that the samples
 //! of the transform are the grid's.
 
-use std::f64::consts::TAU;
+use std::cell::RefCell;
 
+use retina_simd::{Level, sine_and_cosine};
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex32;
 
-use super::zernike::{Polynomial, WAVEFRONT_TERMS, horner};
+use super::zernike::{Polynomial, SIDE, WAVEFRONT_TERMS, horner};
 use super::{Imaging, Wavefront};
 use crate::OpticsError;
 use crate::analysis::disc_coverage;
@@ -151,38 +152,81 @@ fn add_line(
     let at = |i: usize| (i as f64 - (pupil_side - 1) as f64 / 2.0) * step;
     let mut amplitude = vec![Complex32::default(); period * period];
     let (mut clear, mut covered) = (0.0, 0.0);
+    let level = Level::detect();
+    let mut coverages = vec![0f32; pupil_side];
     for row in 0..pupil_side {
         let v = at(row);
-        let line = phase.on_row(v);
-        for column in 0..pupil_side {
+        for (column, covers) in coverages.iter_mut().enumerate() {
             let u = at(column);
             let p = [jacobian[0][0] * u + jacobian[0][1] * v, jacobian[1][0] * u + jacobian[1][1] * v];
-            let coverage = disc_coverage(p[0], p[1], step);
+            let mut coverage = disc_coverage(p[0], p[1], step);
             clear += coverage;
-            if coverage == 0.0 || !mask.as_ref().is_none_or(|mask| passes(mask, MASK_SIDE, p)) {
-                continue;
+            if coverage > 0.0 && !mask.as_ref().is_none_or(|mask| passes(mask, MASK_SIDE, p)) {
+                coverage = 0.0;
             }
             covered += coverage;
-            let waves = horner(&line, u);
-            let (sin, cos) = (TAU * (waves - waves.round())).sin_cos();
-            amplitude[row * period + column] =
-                Complex32::new((coverage * cos) as f32, (coverage * sin) as f32);
+            *covers = coverage as f32;
         }
+        level.run(PupilRow {
+            waves: phase.on_row(v),
+            first: at(0),
+            step,
+            coverages: &coverages,
+            amplitudes: &mut amplitude[row * period..row * period + pupil_side],
+        });
     }
-    transform(&mut amplitude, period, pupil_side);
+    let (side, half) = (grid.side(), grid.side() / 2);
+    // The transform's zero is in the corner.
+    let wrap = |k: usize| (k + period - half) % period;
+    let columns = transform(&mut amplitude, period, pupil_side, (0..side).map(wrap));
     let cell = det.recip() * (step * radius_mm).powi(2);
     // The pupil's area as the samples have it.
     let area = clear * cell;
     let scale = weight * (cell / lambda_mm).powi(2) / area * det / grid.focal_px.powi(2);
-    let (side, half) = (grid.side(), grid.side() / 2);
-    // Transposed by the transform, its zero in the corner.
-    let wrap = |k: usize| (k + period - half) % period;
     for (y, line) in sum.chunks_exact_mut(side).enumerate() {
         for (x, sum) in line.iter_mut().enumerate() {
-            *sum += scale * f64::from(amplitude[wrap(x) * period + wrap(y)].norm_sqr());
+            *sum += scale * f64::from(columns[x * period + wrap(y)].norm_sqr());
         }
     }
     Ok(covered / clear)
+}
+
+/// A row of the pupil's amplitude.
+struct PupilRow<'a> {
+    /// The wavefront along the row, waves, by rising power.
+    waves: [f64; SIDE],
+    /// Place of the first cell, and from cell to cell.
+    first: f64,
+    step: f64,
+    coverages: &'a [f32],
+    amplitudes: &'a mut [Complex32],
+}
+
+impl retina_simd::Kernel for PupilRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        const LANES: usize = 16;
+        // Numbers near it are whole: adding it rounds.
+        const ROUNDER: f64 = 6_755_399_441_055_744.0;
+        let cells = self.coverages.chunks(LANES).zip(self.amplitudes.chunks_mut(LANES));
+        for (chunk, (coverages, amplitudes)) in cells.enumerate() {
+            let start = (chunk * LANES) as f64;
+            let mut part = [0f32; LANES];
+            for (k, part) in part.iter_mut().enumerate() {
+                let waves = horner(&self.waves, self.first + (start + k as f64) * self.step);
+                *part = (waves - ((waves + ROUNDER) - ROUNDER)) as f32;
+            }
+            let (mut sine, mut cosine) = ([0f32; LANES], [0f32; LANES]);
+            for k in 0..LANES {
+                (sine[k], cosine[k]) = sine_and_cosine(part[k]);
+            }
+            for (k, (coverage, amplitude)) in coverages.iter().zip(amplitudes).enumerate() {
+                *amplitude = Complex32::new(coverage * cosine[k], coverage * sine[k]);
+            }
+        }
+    }
 }
 
 /// Whether the cell of a mask that holds a pupil point passes light.
@@ -205,18 +249,28 @@ fn transform_side(grid: KernelGrid) -> usize {
     (least..).find(|&n| smooth(n)).unwrap_or(least)
 }
 
-/// The two-dimensional transform of a square whose first `filled` rows hold something; transposed.
-fn transform(values: &mut [Complex32], side: usize, filled: usize) {
-    let plan = FftPlanner::new().plan_fft_forward(side);
+thread_local! {
+    /// It keeps its plans.
+    static PLANNER: RefCell<FftPlanner<f32>> = RefCell::new(FftPlanner::new());
+}
+
+/// Columns of the two-dimensional transform of a square whose first `filled` rows hold something, one after another.
+fn transform(
+    values: &mut [Complex32],
+    side: usize,
+    filled: usize,
+    columns: impl ExactSizeIterator<Item = usize>,
+) -> Vec<Complex32> {
+    let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_forward(side));
     plan.process(&mut values[..filled * side]);
-    let mut turned = vec![Complex32::default(); side * side];
-    for y in 0..filled {
-        for x in 0..side {
-            turned[x * side + y] = values[y * side + x];
+    let mut turned = vec![Complex32::default(); columns.len() * side];
+    for (x, turned) in columns.zip(turned.chunks_exact_mut(side)) {
+        for (y, value) in turned[..filled].iter_mut().enumerate() {
+            *value = values[y * side + x];
         }
     }
     plan.process(&mut turned);
-    values.copy_from_slice(&turned);
+    turned
 }
 
 impl Kernel {

@@ -205,6 +205,7 @@ impl Polynomial {
 }
 
 /// The polynomial with these coefficients, by rising power, at x.
+#[inline(always)]
 pub(super) fn horner(coefficients: &[f64; SIDE], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }

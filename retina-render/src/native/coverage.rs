@@ -1,4 +1,8 @@
-//! How much of a pixel a triangle covers, exactly: the pixel's square clipped by the triangle's edge functions.
+//! How much of a pixel a triangle covers, exactly, by integrals along the triangle's edges (Green's theorem): with an edge
+//! at x(y) held within the pixel, the area is the sum over edges of the integral of x dy, and the centre of area follows
+//! from those of x^2 / 2 dy and x y dy.
+
+use retina_simd::{Kernel, clamp, max, min};
 
 use super::visibility::Setup;
 
@@ -10,83 +14,126 @@ pub(crate) struct Square {
     pub steps: [[f32; 2]; 2],
 }
 
+impl Square {
+    /// What a step within the pixel adds to the line of sight.
+    #[inline(always)]
+    pub(crate) fn step(&self, [s, t]: [f32; 2]) -> [f32; 2] {
+        std::array::from_fn(|k| self.steps[0][k] * s + self.steps[1][k] * t)
+    }
+
+    /// Rows that take lines of sight from the middle to places in the pixel, -1/2 to 1/2 within it.
+    #[inline(always)]
+    fn inverse(&self) -> [[f32; 2]; 2] {
+        let [[a, c], [b, d]] = self.steps;
+        let scale = 1.0 / (a * d - b * c);
+        [[d * scale, -b * scale], [-c * scale, a * scale]]
+    }
+}
+
 /// A part of a pixel.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Part {
-    /// Of the pixel's area, 0..1.
+    /// Of the pixel's area, 0..1; NaN where the triangle is not known as a whole.
     pub area: f32,
     /// Its centre of area, as a line of sight from the tile's reference.
     pub middle: [f32; 2],
 }
 
-/// Corners at most: a square has four, and each edge adds one.
-const CORNERS: usize = 7;
+/// Triangles that are measured at once.
+const LANES: usize = 8;
 
-impl Square {
-    /// The part of the pixel inside a triangle, whatever stands before it.
-    pub(crate) fn part(&self, setup: &Setup) -> Part {
-        let mut corners = [[0.0f32; 2]; CORNERS];
-        corners[..4].copy_from_slice(&[[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]);
-        let mut count = 4;
-        for edge in &setup.edges {
-            let [at, x, y] = edge.over(self.middle, self.steps);
-            let value = |[s, t]: [f32; 2]| at + x * s + y * t;
-            // How far the edge function strays from its value in the middle.
-            let range = 0.5 * (x.abs() + y.abs());
-            if at - range >= 0.0 {
-                continue;
-            }
-            if at + range <= 0.0 {
-                return Part::default();
-            }
-            let before = corners;
-            let last = count;
-            count = 0;
-            let mut keep = |corner: [f32; 2]| {
-                if let Some(slot) = corners.get_mut(count) {
-                    *slot = corner;
-                    count += 1;
-                }
-            };
-            for k in 0..last {
-                let (a, b) = (before[k], before[if k + 1 == last { 0 } else { k + 1 }]);
-                let (at_a, at_b) = (value(a), value(b));
-                if at_a >= 0.0 {
-                    keep(a);
-                }
-                if (at_a >= 0.0) != (at_b >= 0.0) {
-                    let share = at_a / (at_a - at_b);
-                    keep([a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share]);
-                }
-            }
-        }
-        self.polygon(&corners[..count])
-    }
+type Lane = [f32; LANES];
 
-    /// Area and centre of a convex polygon by its triangles about the first corner.
-    fn polygon(&self, corners: &[[f32; 2]]) -> Part {
-        let [first, rest @ ..] = corners else { return Part::default() };
-        let (mut area, mut centre) = (0.0f32, [0.0f32; 2]);
-        for pair in rest.windows(2) {
-            let [a, b] = [pair[0], pair[1]].map(|corner| [corner[0] - first[0], corner[1] - first[1]]);
-            let twice = a[0] * b[1] - a[1] * b[0];
-            area += 0.5 * twice;
-            for k in 0..2 {
-                centre[k] += twice * (a[k] + b[k]);
-            }
-        }
-        if area <= 1e-7 {
-            return Part::default();
-        }
-        let [s, t] = [0, 1].map(|k| first[k] + centre[k] / (6.0 * area));
-        let [x, y] = self.step([s, t]);
-        Part { area, middle: [self.middle[0] + x, self.middle[1] + y] }
-    }
+/// The parts of a pixel inside some triangles, whatever stands before them.
+pub(crate) struct Measure<'a> {
+    pub square: Square,
+    pub setups: &'a [Setup],
+    /// Indices of triangles.
+    pub candidates: &'a [u32],
+    /// One for each of them.
+    pub parts: &'a mut Vec<Part>,
+}
 
-    /// What a step within the pixel adds to the line of sight.
+impl Kernel for Measure<'_> {
+    type Output = ();
+
     #[inline(always)]
-    pub(crate) fn step(&self, [s, t]: [f32; 2]) -> [f32; 2] {
-        std::array::from_fn(|k| self.steps[0][k] * s + self.steps[1][k] * t)
+    fn run(self) {
+        let Self { square, setups, candidates, parts } = self;
+        let [to_s, to_t] = square.inverse();
+        parts.clear();
+        for some in candidates.chunks(LANES) {
+            let mut s = [[0.0; LANES]; 3];
+            let mut t = [[0.0; LANES]; 3];
+            for (k, &candidate) in some.iter().enumerate() {
+                for (corner, [x, y]) in setups[candidate as usize].corners.into_iter().enumerate() {
+                    s[corner][k] = x;
+                    t[corner][k] = y;
+                }
+            }
+            for (s, t) in s.iter_mut().zip(&mut t) {
+                for k in 0..LANES {
+                    let (x, y) = (s[k] - square.middle[0], t[k] - square.middle[1]);
+                    s[k] = to_s[0] * x + to_s[1] * y;
+                    t[k] = to_t[0] * x + to_t[1] * y;
+                }
+            }
+            let (mut area, mut moment_s, mut moment_t) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+            for corner in 0..3 {
+                let next = (corner + 1) % 3;
+                add_edge(
+                    [&s[corner], &t[corner], &s[next], &t[next]],
+                    [&mut area, &mut moment_s, &mut moment_t],
+                );
+            }
+            for k in 0..some.len() {
+                // Corners may run either way round. What holds numbers within bounds loses a NaN.
+                let known = s[0][k] + s[1][k] + s[2][k];
+                let size = if known.is_nan() { f32::NAN } else { area[k].abs() };
+                let part = if size <= 1e-7 {
+                    Part::default()
+                } else {
+                    let [x, y] = square.step([moment_s[k] / area[k], moment_t[k] / area[k]]);
+                    Part { area: size, middle: [square.middle[0] + x, square.middle[1] + y] }
+                };
+                parts.push(part);
+            }
+        }
+    }
+}
+
+/// Adds an edge's integrals over the pixel: of x dy, x^2 / 2 dy and x y dy, each with x held within the pixel and counted
+/// from its left side, or its middle where the closed way round leaves no difference.
+#[inline(always)]
+fn add_edge([x0, y0, x1, y1]: [&Lane; 4], [area, moment_x, moment_y]: [&mut Lane; 3]) {
+    const HALF: f32 = 0.5;
+    let held = |value: f32| clamp(value, -HALF, HALF);
+    let share = |value: f32| clamp(value, 0.0, 1.0);
+    // An edge along x, or a piece along y, has no share that depends on this.
+    let inverse = |value: f32| 1.0 / if value.abs() < 1e-20 { 1e-20 } else { value };
+    for k in 0..LANES {
+        let (dx, dy) = (x1[k] - x0[k], y1[k] - y0[k]);
+        // The piece within the pixel's rows.
+        let (ya, yb) = (held(y0[k]), held(y1[k]));
+        let inverse_dy = inverse(dy);
+        let xa = x0[k] + dx * share((ya - y0[k]) * inverse_dy);
+        let xb = x0[k] + dx * share((yb - y0[k]) * inverse_dy);
+        let (dx, dy) = (xb - xa, yb - ya);
+        // Of that the piece within its columns, as shares from a to b.
+        let inverse_dx = inverse(dx);
+        let (left, right) = ((-HALF - xa) * inverse_dx, (HALF - xa) * inverse_dx);
+        let (from, to) = (share(min(left, right)), share(max(left, right)));
+        // x, from the left side, at its ends and before and after it, where x stays; y at its ends.
+        let (before, after) = (held(xa) + HALF, held(xb) + HALF);
+        let (first, last) = (held(xa + dx * from) + HALF, held(xa + dx * to) + HALF);
+        let (yc, yd) = (ya + dy * from, ya + dy * to);
+        let (h0, h1, h2) = (dy * from, dy * (to - from), dy * (1.0 - to));
+        area[k] += h0 * before + h1 * (0.5 * (first + last)) + h2 * after;
+        // Before and after it x is -1/2 or 1/2: x^2 - 1/4 is 0.
+        let (c, d) = (first - HALF, last - HALF);
+        moment_x[k] += 0.5 * h1 * ((c * c + c * d + d * d) * (1.0 / 3.0) - 0.25);
+        moment_y[k] += 0.5 * (h0 * before * (ya + yc) + h2 * after * (yd + yb))
+            + h1 * (1.0 / 6.0) * (yc * (2.0 * first + last) + yd * (first + 2.0 * last));
     }
 }
 

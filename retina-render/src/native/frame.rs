@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use retina_radiometry::{Photometry, sun_angular_radius_rad, sun_irradiance_w_m2_nm};
 use retina_simd::Level;
 
+use super::law::Laws;
 use crate::FrameState;
 use crate::arrays::SceneArrays;
 use crate::frame::contrast_reference;
@@ -17,6 +18,7 @@ pub(crate) const TILE: u32 = 16;
 /// A body in the frame at hand: f32, body axes and metres unless a name says otherwise.
 pub(crate) struct Placed<'a> {
     pub photometry: &'a Photometry,
+    pub laws: Laws<'a>,
     /// Lines of sight become body axes with these: x across + y down + ahead.
     pub across: Vec3,
     pub down: Vec3,
@@ -183,8 +185,13 @@ impl<'a> Placed<'a> {
                 (other, turn.as_mat3(), (caster_from_camera * between).as_vec3())
             })
             .collect();
+        // Phase angles over the body: the observer and the Sun see it under these half angles.
+        let radius_m = arrays.ranges[own].bounding_radius_m;
+        let half = |distance_m: f64| (radius_m / distance_m).min(1.0).asin();
+        let spread_rad = half(body.position_camera_m.length()) + half(distance_m) + 1e-6;
         Self {
             photometry,
+            laws: Laws::new(photometry, body.phase_rad(), spread_rad),
             across: body_from_camera.x_axis.as_vec3(),
             down: body_from_camera.y_axis.as_vec3(),
             ahead: body_from_camera.z_axis.as_vec3(),

@@ -12,6 +12,7 @@
 
 mod coverage;
 mod frame;
+mod law;
 mod pixels;
 mod rays;
 mod reads;

@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 
-use super::coverage::{Part, Square};
+use super::coverage::{Measure, Part, Square};
 use super::frame::Prepared;
 use super::rays::{Blocked, LANES, Packet};
 use super::reads::Reads;
-use super::shade::{Facet, Fragment, Light};
+use super::shade::{Facet, Fragment, FragmentMap, Light};
 use super::visibility::{Samples, Setup};
 use crate::PLANE_NAMES;
 
@@ -113,9 +113,12 @@ pub(crate) struct PixelWork {
     of_sample: Vec<u32>,
     sums: Vec<([f32; 2], u32, u32)>,
     parts: Vec<Part>,
+    /// Of each candidate.
+    measured: Vec<Part>,
     rays: Vec<SunRay>,
     /// Of each sample of the pixel: I/F without the texture, and the part of the Sun that is hidden.
     light: Vec<[f32; 2]>,
+    maps: Vec<FragmentMap>,
     /// Of each fragment: the share of the reads that it has, and the sum of their light over all reads.
     lit: Vec<[f32; 2]>,
 }
@@ -209,20 +212,25 @@ impl PixelWork {
         if candidates.len() < 2 || self.of_sample.contains(&NONE) {
             return false;
         }
-        self.parts.clear();
+        view.frame.level.run(Measure {
+            square: view.square,
+            setups: view.setups,
+            candidates,
+            parts: &mut self.measured,
+        });
         let sampled = self.sums.len();
-        let area = |seen: u32| view.square.part(&view.setups[seen.wrapping_sub(1) as usize]);
-        self.parts.extend(self.sums.iter().map(|&(_, _, seen)| area(seen)));
-        for &candidate in candidates {
+        self.parts.clear();
+        self.parts.resize(sampled, Part::default());
+        for (&candidate, part) in candidates.iter().zip(&self.measured) {
             let seen = candidate.wrapping_add(1);
-            if self.sums[..sampled].iter().all(|&(_, _, number)| number != seen) {
-                let part = area(seen);
-                if part.area > LEAST_AREA {
-                    self.parts.push(part);
-                    self.sums.push(([0.0; 2], 0, seen));
-                }
+            if let Some(at) = self.sums[..sampled].iter().position(|&(_, _, number)| number == seen) {
+                self.parts[at] = *part;
+            } else if part.area > LEAST_AREA || part.area.is_nan() {
+                self.parts.push(*part);
+                self.sums.push(([0.0; 2], 0, seen));
             }
         }
+        // NaN where a triangle is not known as a whole.
         let total: f32 = self.parts.iter().map(|part| part.area).sum();
         let whole = (total - 1.0).abs() < AREA_SLACK;
         if !whole {
@@ -421,69 +429,85 @@ impl PixelWork {
     /// covers.
     fn mean(&mut self, view: &View<'_>) -> [f32; PLANES] {
         let mut planes = [0.0f32; PLANES];
-        let count = view.run.len() as f32;
         if self.light.iter().any(|&[value, _]| value > 0.0) {
-            let irradiance =
-                |fragment: &Fragment| view.frame.placed[fragment.body as usize].sun_irradiance_over_pi;
-            let share = 1.0 / view.reads.places.len() as f32;
-            let middle = view.square.middle;
-            let (mut mean_albedo, mut factor, mut radiance) = (0.0, 0.0, 0.0);
-            self.lit.clear();
-            self.lit.resize(self.fragments.len(), [0.0; 2]);
-            for &(place, sample) in &view.reads.places {
-                let index = self.of_sample[sample as usize] as usize;
-                let Some(fragment) = self.fragments.get(index) else {
-                    continue;
-                };
-                let light = self.light[sample as usize][0];
-                self.lit[index][0] += share;
-                self.lit[index][1] += share * light;
-                let step = view.square.step(place);
-                let albedo = fragment.albedo(view.frame, [middle[0] + step[0], middle[1] + step[1]]) * share;
-                mean_albedo += albedo;
-                let textured = light * albedo;
-                factor += textured;
-                radiance += textured * irradiance(fragment);
-            }
-            // What the reads get wrong about areas. They are spread evenly, so only this part takes the mean albedo. A
-            // fragment without reads is as much in the shade as the others are.
-            let shared = self.fragments.iter().zip(&self.lit);
-            let unshaded: f32 = shared.clone().map(|(fragment, [read, _])| read * fragment.value).sum();
-            let lit: f32 = self.lit.iter().map(|[_, light]| light).sum();
-            let open = if unshaded > 0.0 { (lit / unshaded).min(1.0) } else { 0.0 };
-            for (fragment, &[read, light]) in shared {
-                let Some(area) = fragment.area else { continue };
-                let mean = if read > 0.0 { light / read } else { fragment.value * open };
-                let textured = (area - read) * mean * mean_albedo;
-                factor += textured;
-                radiance += textured * irradiance(fragment);
-            }
-            planes[0] = radiance;
-            planes[1] = factor;
+            [planes[0], planes[1]] = self.light_of(view);
         }
         if view.layers {
-            let mut hits = 0.0f32;
-            let mut normal = Vec3::ZERO;
-            for fragment in &self.fragments {
-                let weight = fragment.samples as f32;
-                let placed = &view.frame.placed[fragment.body as usize];
-                hits += weight;
-                planes[3] += weight * fragment.depth_m;
-                normal += placed.camera_from_body * fragment.normal * weight;
-                for (plane, cosine) in [(7, fragment.elevation), (8, fragment.mu), (9, fragment.cos_phase)] {
-                    planes[plane] += weight * cosine.clamp(-1.0, 1.0).acos();
-                }
-            }
-            planes[2] = hits / count;
-            let hits = hits.max(1.0);
-            planes[3] /= hits;
-            let normal = normal / normal.length().max(1e-20);
-            planes[4..7].copy_from_slice(&normal.to_array());
-            for plane in 7..10 {
-                planes[plane] = (planes[plane] / hits).to_degrees();
-            }
-            planes[10] = self.light.iter().map(|&[_, hidden]| hidden).sum::<f32>() / hits;
+            self.layers(view, &mut planes);
         }
         planes
+    }
+
+    /// Mean radiance and I/F.
+    fn light_of(&mut self, view: &View<'_>) -> [f32; 2] {
+        let irradiance =
+            |fragment: &Fragment| view.frame.placed[fragment.body as usize].sun_irradiance_over_pi;
+        let maps = self.fragments.iter().map(|fragment| fragment.map(&view.square, irradiance(fragment)));
+        self.maps.clear();
+        self.maps.extend(maps);
+        self.lit.clear();
+        self.lit.resize(self.fragments.len(), [0.0; 2]);
+        let texels = &view.frame.arrays.texels;
+        let share = 1.0 / view.reads.places.len() as f32;
+        let (mut mean_albedo, mut factor, mut radiance) = (0.0, 0.0, 0.0);
+        for &(place, sample) in &view.reads.places {
+            let index = self.of_sample[sample as usize] as usize;
+            let Some(map) = self.maps.get(index) else { continue };
+            let light = share * self.light[sample as usize][0];
+            let albedo = match &map.grid {
+                Some(grid) => grid.albedo(texels, place),
+                None => {
+                    let step = view.square.step(place);
+                    let at = [0, 1].map(|k| view.square.middle[k] + step[k]);
+                    self.fragments[index].albedo(view.frame, at)
+                }
+            };
+            self.lit[index][0] += share;
+            self.lit[index][1] += light;
+            mean_albedo += share * albedo;
+            let textured = light * albedo;
+            factor += textured;
+            radiance += textured * map.irradiance;
+        }
+        // What the reads get wrong about areas. They are spread evenly, so only this part takes the mean albedo. A
+        // fragment without reads is as much in the shade as the others are.
+        let shared = self.fragments.iter().zip(&self.lit);
+        let unshaded: f32 = shared.clone().map(|(fragment, [read, _])| read * fragment.value).sum();
+        let lit: f32 = self.lit.iter().map(|[_, light]| light).sum();
+        let open = if unshaded > 0.0 { (lit / unshaded).min(1.0) } else { 0.0 };
+        for (fragment, &[read, light]) in shared {
+            let Some(area) = fragment.area else { continue };
+            let mean = if read > 0.0 { light / read } else { fragment.value * open };
+            let textured = (area - read) * mean * mean_albedo;
+            factor += textured;
+            radiance += textured * irradiance(fragment);
+        }
+        [radiance, factor]
+    }
+
+    /// The planes beside the light.
+    fn layers(&self, view: &View<'_>, planes: &mut [f32; PLANES]) {
+        let count = view.run.len() as f32;
+        let mut hits = 0.0f32;
+        let mut normal = Vec3::ZERO;
+        for fragment in &self.fragments {
+            let weight = fragment.samples as f32;
+            let placed = &view.frame.placed[fragment.body as usize];
+            hits += weight;
+            planes[3] += weight * fragment.depth_m;
+            normal += placed.camera_from_body * fragment.normal * weight;
+            for (plane, cosine) in [(7, fragment.elevation), (8, fragment.mu), (9, fragment.cos_phase)] {
+                planes[plane] += weight * cosine.clamp(-1.0, 1.0).acos();
+            }
+        }
+        planes[2] = hits / count;
+        let hits = hits.max(1.0);
+        planes[3] /= hits;
+        let normal = normal / normal.length().max(1e-20);
+        planes[4..7].copy_from_slice(&normal.to_array());
+        for plane in 7..10 {
+            planes[plane] = (planes[plane] / hits).to_degrees();
+        }
+        planes[10] = self.light.iter().map(|&[_, hidden]| hidden).sum::<f32>() / hits;
     }
 }

@@ -1,7 +1,7 @@
 //! Whether rays are blocked: eight at a time through a body's hierarchy.
 
 use glam::{Mat3, Vec3};
-use retina_simd::Kernel;
+use retina_simd::{Kernel, max, min};
 
 use crate::arrays::SceneArrays;
 use crate::arrays::bvh::Node;
@@ -37,16 +37,6 @@ impl Packet {
         }
         out
     }
-}
-
-#[inline(always)]
-fn min(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
-}
-
-#[inline(always)]
-fn max(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
 }
 
 /// Which of the rays in `open` (one bit a lane) meet something of a body on their way.

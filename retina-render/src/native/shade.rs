@@ -1,10 +1,11 @@
 //! What is seen of a triangle within a pixel, and how it is lit (shaders/shared/surface.wgsl has the same for a sample).
 
 use glam::{Vec2, Vec3};
-use retina_radiometry::Geometry;
 
+use super::coverage::Square;
 use super::frame::{Placed, Prepared};
-use super::texture::{Footprint, Taps};
+use super::law::Law;
+use super::texture::{Footprint, Grid, Taps};
 use super::visibility::Setup;
 use crate::arrays::{FLAT, NONE, PATCH, TWO_SIDED};
 
@@ -17,15 +18,6 @@ pub(crate) enum Light {
     Away,
     /// The body's own relief may stand before the Sun, or another body, or both; the Sun may be rising.
     Doubt { own_relief: bool },
-}
-
-/// The law at one phase angle.
-#[derive(Clone, Copy)]
-enum Law {
-    /// a mu0 + b mu0 / (mu0 + mu).
-    Mixture([f32; 2]),
-    /// Any other.
-    Whole(f64),
 }
 
 /// What a triangle's fragments have in common.
@@ -115,6 +107,25 @@ impl Facet {
         let bitangent = -normal.cross(tangent) * turn_sign;
         (normal + tangent * tilt.x + bitangent * tilt.y).normalize()
     }
+}
+
+impl Texture {
+    /// Where it is read within a pixel, and as what; `None` at the map's edge.
+    #[inline(always)]
+    fn grid(&self, square: &Square, factor: f32) -> Option<Grid> {
+        let [x, y] = [0, 1].map(|k| square.middle[k] - self.middle[k]);
+        let uv = self.uv + self.uv_x * x + self.uv_y * y;
+        let along = square.steps.map(|[x, y]| self.uv_x * x + self.uv_y * y);
+        self.taps.grid(&self.footprint, uv, along, factor)
+    }
+}
+
+/// What a fragment's reads in a pixel have in common.
+pub(crate) struct FragmentMap {
+    /// `None` without a map, and at a map's edge.
+    pub grid: Option<Grid>,
+    /// Radiance of I/F 1.
+    pub irradiance: f32,
 }
 
 /// The part of a triangle that some samples of a pixel see, shaded in the middle of them.
@@ -211,7 +222,7 @@ impl Fragment {
             Light::Away
         };
         let cos_phase = sun.dot(to_observer);
-        let law = if light == Light::Away { Law::Mixture([0.0; 2]) } else { law_at(placed, cos_phase) };
+        let law = if light == Light::Away { Law::DARK } else { placed.laws.at(cos_phase) };
         let mut out = Self {
             number,
             body,
@@ -236,16 +247,7 @@ impl Fragment {
 
     /// I/F without the texture under light of this incidence.
     pub(crate) fn radiance_factor(&self, placed: &Placed<'_>, mu0: f32) -> f32 {
-        if mu0 <= 0.0 {
-            return 0.0;
-        }
-        match self.law {
-            Law::Mixture([a, b]) => a * mu0 + b * mu0 / (mu0 + self.mu),
-            Law::Whole(phase_rad) => {
-                let geometry = Geometry { mu0: f64::from(mu0), mu: f64::from(self.mu), phase_rad };
-                placed.photometry.radiance_factor(geometry) as f32
-            }
-        }
+        self.law.radiance_factor(placed.photometry, mu0, self.mu)
     }
 
     /// Relative albedo at a line of sight. Within a pixel texture coordinates grow evenly.
@@ -261,23 +263,17 @@ impl Fragment {
         }
     }
 
+    /// What its reads in a pixel need.
+    #[inline(always)]
+    pub(crate) fn map(&self, square: &Square, irradiance: f32) -> FragmentMap {
+        let grid = self.texture.as_ref().and_then(|texture| texture.grid(square, self.albedo_factor));
+        FragmentMap { grid, irradiance }
+    }
+
     /// Axes across the Sun's direction, as long as its disc's radius: along the horizon, and away from the surface.
     pub(crate) fn sun_axes(&self, placed: &Placed<'_>) -> [Vec3; 2] {
         let across = self.sun.any_orthonormal_vector();
         let up = (self.normal - self.sun * self.elevation + 1e-6 * across).normalize();
         [self.sun.cross(up) * placed.sun_tangent_radius, up * placed.sun_tangent_radius]
-    }
-}
-
-/// The law at a phase angle, with the phase function and the factor in it.
-fn law_at(placed: &Placed<'_>, cos_phase: f32) -> Law {
-    let phase_rad = f64::from(cos_phase.clamp(-1.0, 1.0)).acos();
-    let photometry = placed.photometry;
-    match photometry.law.lambert_and_seeliger(phase_rad) {
-        Some(shares) => {
-            let factor = photometry.factor * photometry.phase_function.value(phase_rad);
-            Law::Mixture(shares.map(|share| (share * factor) as f32))
-        }
-        None => Law::Whole(phase_rad),
     }
 }

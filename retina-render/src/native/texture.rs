@@ -72,6 +72,43 @@ impl Taps {
         sum / self.count as f32
     }
 
+    /// Reads about a place, times `factor`, where texture coordinates are `uv` and grow by `along` over a pixel; `None`
+    /// where the pixel's footprints touch the map's edge.
+    #[inline(always)]
+    pub(crate) fn grid(
+        &self,
+        footprint: &Footprint,
+        uv: Vec2,
+        along: [Vec2; 2],
+        factor: f32,
+    ) -> Option<Grid> {
+        let size = Vec2::new(self.width as f32, self.height as f32);
+        let middle = uv * size - 0.5;
+        let [right, down] = along.map(|step| step * size);
+        let mut offsets = [Vec2::ZERO; MOST_TAPS as usize];
+        let mut reach = Vec2::ZERO;
+        if self.count > 1 {
+            for (k, offset) in (0..self.count).zip(&mut offsets) {
+                *offset = self.place(footprint, Vec2::ZERO, k) * size;
+            }
+            reach = size * (footprint.along_x.abs() + footprint.along_y.abs());
+        }
+        // A hundredth of a texel for roundings.
+        let range = 0.5 * (right.abs() + down.abs() + reach) + 0.01;
+        let (low, high) = (middle - range, middle + range);
+        let inside = low.min_element() >= 0.0 && high.x < size.x && high.y < size.y - 1.0;
+        inside.then_some(Grid {
+            first: self.first,
+            width: self.width as usize,
+            middle,
+            right,
+            down,
+            offsets,
+            count: self.count as usize,
+            share: factor * self.scale_of_word / self.count as f32,
+        })
+    }
+
     /// Mean tangent-space slopes over a footprint: the mean of a relief's normals is its mean slope.
     pub(crate) fn slope(&self, texels: &[u32], footprint: &Footprint, uv: Vec2) -> Vec2 {
         let mut sum = Vec2::ZERO;
@@ -148,6 +185,50 @@ impl Taps {
         let top = texel(0, 0).lerp(texel(1, 0), part.x);
         let bottom = texel(0, 1).lerp(texel(1, 1), part.x);
         top.lerp(bottom, part.y)
+    }
+}
+
+/// A mip level's texels in a pixel, away from the map's edges.
+#[derive(Clone, Copy)]
+pub(crate) struct Grid {
+    first: usize,
+    width: usize,
+    /// In texels, from the first one's middle: in the pixel's middle, and how it grows over a pixel.
+    middle: Vec2,
+    right: Vec2,
+    down: Vec2,
+    /// Where a footprint is read, from its middle, and how often.
+    offsets: [Vec2; MOST_TAPS as usize],
+    count: usize,
+    /// What one unit of a word stands for, over the number of reads.
+    share: f32,
+}
+
+impl Grid {
+    /// Albedo at a place, from the pixel's middle.
+    #[inline(always)]
+    pub(crate) fn albedo(&self, texels: &[u32], [s, t]: [f32; 2]) -> f32 {
+        let place = self.middle + self.right * s + self.down * t;
+        if self.count == 1 {
+            return self.word(texels, place) * self.share;
+        }
+        let reads = self.offsets.iter().take(self.count);
+        reads.map(|&offset| self.word(texels, place + offset)).sum::<f32>() * self.share
+    }
+
+    /// Bilinear. Each word holds a texel and its right neighbour.
+    #[inline(always)]
+    fn word(&self, texels: &[u32], place: Vec2) -> f32 {
+        let (whole_x, whole_y) = (place.x as i32, place.y as i32);
+        let (x, y) = (place.x - whole_x as f32, place.y - whole_y as f32);
+        let at = self.first + whole_y as usize * self.width + whole_x as usize;
+        let (top, bottom) = (texels[at], texels[at + self.width]);
+        let row = |word: u32| {
+            let left = (word & 0xffff) as f32;
+            left + ((word >> 16) as f32 - left) * x
+        };
+        let (top, bottom) = (row(top), row(bottom));
+        top + (bottom - top) * y
     }
 }
 

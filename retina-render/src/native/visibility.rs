@@ -21,12 +21,6 @@ impl Linear {
     pub(crate) fn at(&self, x: f32, y: f32) -> f32 {
         self.0[0] + self.0[1] * x + self.0[2] * y
     }
-
-    /// The same function of places in a pixel: value in its middle, growth over a pixel along x and along y.
-    pub(crate) fn over(&self, [x, y]: [f32; 2], steps: [[f32; 2]; 2]) -> [f32; 3] {
-        let [along_x, along_y] = steps.map(|[x, y]| self.0[1] * x + self.0[2] * y);
-        [self.at(x, y), along_x, along_y]
-    }
 }
 
 /// A triangle as seen from the camera. For a line of sight r the edge functions u = r . (b x c), v = r . (c x a) and
@@ -38,6 +32,8 @@ pub(crate) struct Setup {
     pub triangle: u32,
     pub edges: [Linear; 3],
     depth_sum: Linear,
+    /// Lines of sight of its corners, from the tile's reference; NaN where one is not before the camera.
+    pub corners: [[f32; 2]; 3],
 }
 
 impl Setup {
@@ -52,11 +48,16 @@ impl Setup {
         let scale = facing.signum() / power;
         let edges = edges.map(|edge| edge * scale);
         let depths = [a, b, c].map(|corner| corner.z - frame.reference_depth_m);
+        let seen = |corner: DVec3| {
+            let at = DVec2::new(corner.x, corner.y) / corner.z - sight;
+            if corner.z > 0.0 { at.as_vec2().to_array() } else { [f32::NAN; 2] }
+        };
         let depth_sum = edges[0] * depths[0] + edges[1] * depths[1] + edges[2] * depths[2];
         Self {
             triangle,
             edges: edges.map(|edge| Linear::of(edge, sight)),
             depth_sum: Linear::of(depth_sum, sight),
+            corners: [a, b, c].map(seen),
         }
     }
 
