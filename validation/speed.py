@@ -67,7 +67,6 @@ PARTS = (
             Figure("Moon of 1920 x 1200, `default`", r"native Default\S* \S+ +(\S+) s", "s a frame", 0.4),
             Figure("the same, processor time", r"native Default.* (\S+) CPU s", "s a frame"),
             Figure("Moon of 1920 x 1200, `best`", r"native Best\S* \S+ +(\S+) s", "s a frame", 3.0),
-            Figure("`default` by a graphics adapter, or lavapipe", r"\n(?!native).* Default +(\S+) s", "s a frame"),
         ),
     ),
     Part(
