@@ -1,10 +1,11 @@
 //! The native renderer: f32 on the processor's cores, for machines without a graphics processor.
 //!
 //! 1. `frame`: vertices are projected, triangles that face the camera sorted into tiles of 16 x 16 pixels.
-//! 2. First pass, a tile at a time: `visibility` finds the triangle that each sample sees, and `coverage` how much of the
-//!    pixel each triangle fills; `shade` shades each triangle once a pixel, in its middle there; `pixels` adds them up,
-//!    with textures read at the places of `reads`. Where relief (bounded beforehand, `arrays::horizon`) or another body
-//!    may stand before the Sun, a packet of eight rays from the pixel to the Sun's disc probes it.
+//! 2. First pass, a tile at a time: `visibility` finds the triangle that each sample (`places`) sees, and `coverage` how much
+//!    of the pixel each triangle fills; `shade` shades each triangle once a pixel, in its middle there, by the body's `law`;
+//!    `pixels` adds them up, with textures read at the places of `reads`. Where relief (bounded beforehand,
+//!    `arrays::horizon`) or another body may stand before the Sun, a packet of eight rays from the pixel to the Sun's disc
+//!    probes it.
 //! 3. A pixel on an edge of visibility or of a shadow, itself or a neighbour, is listed.
 //! 4. Second pass: listed pixels are sampled anew, each sample with a Sun ray of its own where there is doubt.
 //!
@@ -14,6 +15,7 @@ mod coverage;
 mod frame;
 mod law;
 mod pixels;
+mod places;
 mod rays;
 mod reads;
 mod shade;
