@@ -262,6 +262,34 @@ mod tests {
         }
     }
 
+    struct Drawn<'a>(&'a mut [f32]);
+
+    impl retina_simd::Kernel for Drawn<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run(self) {
+            let mut noise = Noise::new(29);
+            let (counts, normals) = self.0.split_at_mut(self.0.len() / 2);
+            noise.poisson(counts);
+            noise.normals(normals);
+        }
+    }
+
+    /// All vector instructions give the same bits.
+    #[test]
+    fn the_same_noise_on_every_processor() {
+        let drawn = |level: retina_simd::Level| {
+            let mut values: Vec<f32> = (0..4000u16).map(|i| f32::from(i).powi(2) * 1e-4).collect();
+            level.run(Drawn(&mut values));
+            values.iter().map(|value| value.to_bits()).collect::<Vec<u32>>()
+        };
+        let portable = drawn(retina_simd::Level::PORTABLE);
+        for level in retina_simd::InstructionSet::ALL.into_iter().filter_map(retina_simd::Level::of) {
+            assert!(drawn(level) == portable, "{}", level.set().name());
+        }
+    }
+
     /// Nothing comes of no light, of less, or of none known.
     #[test]
     fn no_light_no_counts() {

@@ -36,13 +36,12 @@ pub(crate) fn formula_lines(effect: &str) -> Vec<&str> {
 }
 
 pub(crate) fn proof_text(proof: &Proof) -> String {
-    format!(
-        "p = {}; amplitude there {} +- {} of the one found; {} of the noise",
-        short(proof.p_value),
-        short(proof.ratio),
-        short(proof.ratio_sigma),
-        short(proof.strength)
-    )
+    let amplitude = if proof.ratio_sigma.is_finite() {
+        format!("amplitude there {} +- {} of the one found", short(proof.ratio), short(proof.ratio_sigma))
+    } else {
+        "no amplitude: the model has the form already, or one group alone does".to_owned()
+    };
+    format!("p = {}; {amplitude}; {} of the noise", short(proof.p_value), short(proof.strength))
 }
 
 /// For people.

@@ -138,6 +138,28 @@ fn points_and_scenes_agree() {
     }
 }
 
+/// Images are laid in memory that was used before: an exposure knows nothing of those before it.
+#[test]
+fn an_exposure_does_not_depend_on_those_before_it() {
+    let bench = Bench::new(&setup("wide-fov.toml"), &quick()).unwrap();
+    let mut points = ScreenImage::dark(1920, 1200);
+    points.set(960, 600, [255; 3]);
+    let disc = |radius: f64| {
+        let mut screen = ScreenImage::dark(1920, 1200);
+        for (row, column) in (0..1200).flat_map(|row| (0..1920).map(move |column| (row, column))) {
+            if (f64::from(column) - 960.0).hypot(f64::from(row) - 600.0) < radius {
+                screen.set(column, row, [180; 3]);
+            }
+        }
+        screen
+    };
+    let (large, small) = (disc(400.0), disc(80.0));
+    let expose = |screen: &ScreenImage| bench.expose(screen, &Exposure::new(0.01, 7)).unwrap();
+    let first = [&small, &points].map(expose);
+    expose(&large);
+    assert!(first == [&small, &points].map(expose));
+}
+
 /// An exposure is the same bytes again, another frame is not; an unlit one has the offset and the read
 /// noise that the setup states.
 #[test]

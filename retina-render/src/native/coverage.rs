@@ -144,6 +144,7 @@ mod tests {
     use retina_model::{Body, Surface, Vertex};
     use retina_radiometry::{AU_M, Lambert, PhaseFunction, Photometry};
 
+    use super::{Measure, Part, Setup, Square};
     use crate::{BodyModel, BodyState, FrameState, NativeRenderer, Planes, Quality, RadianceImage};
 
     const SIDE_PX: u32 = 32;
@@ -212,6 +213,87 @@ mod tests {
         assert!((high / low - 1.0).abs() > 0.02, "the sides differ: {low}, {high}");
         let error = |i: usize| (f64::from(light[i]) - low) / (high - low) - share(at(i), across);
         (0..light.len()).map(error).fold(0.0, |worst, error| error.abs().max(worst))
+    }
+
+    /// Area and centre of area of a triangle in the square from -1/2 to 1/2, in f64: the polygon is cut by each of the
+    /// square's sides.
+    fn clipped(triangle: [DVec2; 3]) -> (f64, DVec2) {
+        let mut polygon = triangle.to_vec();
+        for side in [DVec2::X, DVec2::NEG_X, DVec2::Y, DVec2::NEG_Y] {
+            let inside = |p: DVec2| 0.5 - side.dot(p);
+            let mut cut = Vec::new();
+            for (k, &a) in polygon.iter().enumerate() {
+                let b = polygon[(k + 1) % polygon.len()];
+                let (at_a, at_b) = (inside(a), inside(b));
+                if at_a >= 0.0 {
+                    cut.push(a);
+                }
+                if (at_a >= 0.0) != (at_b >= 0.0) {
+                    cut.push(a + (b - a) * (at_a / (at_a - at_b)));
+                }
+            }
+            polygon = cut;
+        }
+        let (mut area, mut moment) = (0.0, DVec2::ZERO);
+        for (k, &a) in polygon.iter().enumerate() {
+            let b = polygon[(k + 1) % polygon.len()];
+            area += 0.5 * a.perp_dot(b);
+            moment += a.perp_dot(b) * (a + b) / 6.0;
+        }
+        (area.abs(), moment / area)
+    }
+
+    fn measured(square: Square, triangles: &[[DVec2; 3]]) -> Vec<Part> {
+        let setups: Vec<Setup> = triangles
+            .iter()
+            .map(|triangle| {
+                let mut setup = Setup::default();
+                setup.corners = triangle.map(|at| {
+                    let [x, y] = square.step(at.as_vec2().to_array());
+                    [square.middle[0] + x, square.middle[1] + y]
+                });
+                setup
+            })
+            .collect();
+        let candidates: Vec<u32> = (0..setups.len() as u32).collect();
+        let mut parts = Vec::new();
+        let kernel = Measure { square, setups: &setups, candidates: &candidates, parts: &mut parts };
+        retina_simd::Level::detect().run(kernel);
+        parts
+    }
+
+    /// Triangles of all sizes, turned either way, some with corners and edges on the pixel's own, against a polygon that is
+    /// cut in f64; and one of which a corner is not known.
+    #[test]
+    fn areas_are_those_of_cut_polygons() {
+        // Some pixels from the middle of its tile.
+        let square = Square { middle: [6e-4, -4e-4], steps: [[1e-4, 2e-6], [-3e-6, 1.1e-4]] };
+        let mut state = 1u64;
+        let mut draw = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f64 / 16_777_216.0 - 0.5
+        };
+        let triangles: Vec<[DVec2; 3]> = (0..4000)
+            .map(|k| {
+                let size = [0.3, 1.0, 3.0, 20.0][k % 4];
+                let corner = [(); 3].map(|()| size * DVec2::new(draw(), draw()));
+                if k % 5 == 0 { corner.map(|at| (2.0 * at).round() / 2.0) } else { corner }
+            })
+            .collect();
+        let mut seen = 0;
+        for (part, triangle) in measured(square, &triangles).iter().zip(&triangles) {
+            let (area, centre) = clipped(*triangle);
+            assert!((f64::from(part.area) - area).abs() < 1e-5, "{triangle:?}: {} {area}", part.area);
+            if area > 0.01 {
+                seen += 1;
+                let [x, y] = square.step(centre.as_vec2().to_array());
+                let off = [part.middle[0] - square.middle[0] - x, part.middle[1] - square.middle[1] - y];
+                assert!(off[0].abs().max(off[1].abs()) < 2e-3 * 1e-4, "{triangle:?}: {off:?}");
+            }
+        }
+        assert!(seen > 1000, "{seen}");
+        let unknown = [DVec2::ZERO, DVec2::X, DVec2::NAN];
+        assert!(measured(square, &[unknown])[0].area.is_nan());
     }
 
     /// Pixels on a ridge have the mean of its sides by their areas; counted in four samples it is not so.
