@@ -1,5 +1,5 @@
-//! Functions of one lane that become vector instructions. Those of the language mind what no hot loop has: NaN, and numbers
-//! that no integer holds.
+//! Functions of one lane that become vector instructions. The language's own check for NaN, and for numbers that no integer
+//! can hold. The compiler makes no vectors of these checks, and hot loops do not need them.
 
 /// The smaller one; `b` where either is NaN.
 #[inline(always)]
@@ -13,10 +13,18 @@ pub fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// `value` held within `low` and `high`.
+/// `value` held within `low` and `high`; `low` for NaN.
 #[inline(always)]
 pub fn clamp(value: f32, low: f32, high: f32) -> f32 {
     min(max(value, low), high)
+}
+
+/// The nearest whole number, for numbers up to 2^51.
+#[inline(always)]
+pub fn nearest(value: f64) -> f64 {
+    // As below, for f64.
+    const ROUNDER: f64 = 6_755_399_441_055_744.0;
+    (value + ROUNDER) - ROUNDER
 }
 
 /// Numbers near it are whole. Adding it rounds, and leaves the whole number in the last bits.
@@ -76,6 +84,8 @@ mod tests {
             assert_eq!(floor(value), value.floor(), "{value}");
             assert_eq!(floor(-value), (-value).floor(), "-{value}");
             assert_eq!(whole_number(value.floor()), value as u32, "{value}");
+            let value = f64::from(k) * 0.37 - 2e4;
+            assert_eq!(nearest(value), value.round_ties_even(), "{value}");
         }
     }
 }

@@ -24,7 +24,7 @@
 
 mod lanes;
 
-pub use lanes::{clamp, floor, max, min, sine_and_cosine, whole_number};
+pub use lanes::{clamp, floor, max, min, nearest, sine_and_cosine, whole_number};
 
 /// Vector instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -10,7 +10,7 @@
 
 use std::cell::RefCell;
 
-use retina_simd::{Level, sine_and_cosine};
+use retina_simd::{Level, nearest, sine_and_cosine};
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex32;
 
@@ -208,15 +208,13 @@ impl retina_simd::Kernel for PupilRow<'_> {
     #[inline(always)]
     fn run(self) {
         const LANES: usize = 16;
-        // Numbers near it are whole: adding it rounds.
-        const ROUNDER: f64 = 6_755_399_441_055_744.0;
         let cells = self.coverages.chunks(LANES).zip(self.amplitudes.chunks_mut(LANES));
         for (chunk, (coverages, amplitudes)) in cells.enumerate() {
             let start = (chunk * LANES) as f64;
             let mut part = [0f32; LANES];
             for (k, part) in part.iter_mut().enumerate() {
                 let waves = horner(&self.waves, self.first + (start + k as f64) * self.step);
-                *part = (waves - ((waves + ROUNDER) - ROUNDER)) as f32;
+                *part = (waves - nearest(waves)) as f32;
             }
             let (mut sine, mut cosine) = ([0f32; LANES], [0f32; LANES]);
             for k in 0..LANES {
