@@ -8,6 +8,7 @@ use retina_formats::EffectId;
 
 use crate::catalogue::{Effect, effects, wide};
 use crate::data::Dataset;
+use crate::depth::moved_by_added;
 use crate::effect_file::EffectOfFile;
 use crate::linear::{Basis, dot, solve_positive};
 use crate::noise::robust_fit;
@@ -189,8 +190,16 @@ pub(crate) const SECOND_ORDERS: &str = ".own_";
 /// Levenberg-Marquardt's turns.
 const TURNS: usize = 60;
 
-/// Fits the users' parameters and lays out all columns.
+/// Fits the users' parameters and lays out all columns; those of a display that stands aside about its place.
 pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
+    let first = laid_out(data, added);
+    match moved_by_added(data, added, &first) {
+        Some(moved) => laid_out(&moved, added),
+        None => first,
+    }
+}
+
+fn laid_out(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
     let mut base: Vec<Vec<f64>> = Vec::new();
     let (mut names, mut owner) = (Vec::new(), Vec::new());
     for term in data.baseline_terms() {

@@ -1,10 +1,12 @@
 //! Which effect is missing: candidates tested, ranked, accepted one by one, until nothing is left to explain.
 
 use rayon::prelude::*;
+use retina_formats::EffectId;
 
 use crate::added::AddedEffect;
 use crate::catalogue::Effect;
 use crate::data::Dataset;
+use crate::depth::moved;
 use crate::estimate::{Estimator, Implausible, Parameter, estimate, implausible};
 use crate::flips::Flips;
 use crate::kept::KeptEffect;
@@ -100,9 +102,17 @@ pub struct Diagnosis {
     pub notes: Vec<String>,
 }
 
+/// Standard deviations below which an accepted effect's own amplitude may be none.
+const CLEAR_SIGMAS: f64 = 2.0;
+
 /// Diagnoses a table; `added` effects belong to the model already.
 pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions) -> Diagnosis {
-    search(data, added, options, MOST_ACCEPTED, false)
+    let (found, parameters) = search(data, added, options, MOST_ACCEPTED, false);
+    let effects = parameters.iter().map(|(effect, own)| (*effect, own.as_slice()));
+    match moved(data, effects) {
+        Some(moved) => search(&moved, added, options, MOST_ACCEPTED, false).0,
+        None => found,
+    }
 }
 
 /// Looks for one effect alone, for models that are made anew with each effect. `later`: others were found before.
@@ -112,8 +122,11 @@ pub fn diagnose_step(
     options: &DiagnoseOptions,
     later: bool,
 ) -> Diagnosis {
-    search(data, added, options, 1, later)
+    search(data, added, options, 1, later).0
 }
+
+/// Accepted effects with their parameters.
+type Accounts = Vec<(EffectId, Vec<Parameter>)>;
 
 /// Runs the search, judges what is left, and puts the answer together.
 fn search(
@@ -122,7 +135,7 @@ fn search(
     options: &DiagnoseOptions,
     most: usize,
     later: bool,
-) -> Diagnosis {
+) -> (Diagnosis, Accounts) {
     let thinned = data.thinned(MOST_ROWS);
     let (scatter, (prepared, not_testable)) =
         rayon::join(|| noise(data), || prepare(thinned.as_ref().unwrap_or(data), added));
@@ -198,11 +211,19 @@ fn search(
             indistinguishable.push(prepared[i].effect.name());
         }
     }
-    let physical = quantities(data, &baseline, &prepared, &found.accepted, &frame.weights);
+    let (accounts, physical) = quantities(data, &baseline, &prepared, &found.accepted, &frame.weights);
+    notes.extend(found.accepted.iter().zip(&physical).filter_map(|(own, physical)| {
+        let physical = physical.as_ref().filter(|p| p.value.abs() < CLEAR_SIGMAS * p.sigma)?;
+        Some(format!(
+            "{}: what is there is not its plain form, whose amplitude is {:.1} standard deviations beside the others: take its figures with care",
+            prepared[own.index].effect.name(),
+            physical.value.abs() / physical.sigma
+        ))
+    }));
     let rivals = |(set, own): (&Vec<usize>, &Accepted)| {
         set.iter().filter(|i| **i != own.index).map(|&i| prepared[i].effect.name()).collect()
     };
-    Diagnosis {
+    let diagnosis = Diagnosis {
         outliers,
         baseline_heldout_rms: steps[0].heldout_rms,
         noise,
@@ -218,7 +239,8 @@ fn search(
         not_testable,
         kept: Vec::new(),
         notes,
-    }
+    };
+    (diagnosis, accounts)
 }
 
 /// The last accepted effect whose step does not lower the error of what is left out.
@@ -246,7 +268,7 @@ fn quantities(
     prepared: &[Prepared<'_>],
     accepted: &[Accepted],
     weights: &Weights,
-) -> Vec<Option<Physical>> {
+) -> (Accounts, Vec<Option<Physical>>) {
     let mut columns = baseline.to_vec();
     for own in accepted {
         columns.extend(prepared[own.index].columns[own.variant].iter().cloned());
@@ -264,9 +286,11 @@ fn quantities(
             for (name, value) in &form.shape {
                 parameters.push(Parameter { name: (*name).to_owned(), value: *value, sigma: None });
             }
-            physical(data, prepared[own.index].effect.id, &parameters, k1)
+            let id = prepared[own.index].effect.id;
+            let physical = physical(data, id, &parameters, k1);
+            ((id, parameters), physical)
         })
-        .collect()
+        .unzip()
 }
 
 /// Held-out error from the baseline on, all under the final weights.

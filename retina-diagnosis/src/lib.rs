@@ -14,6 +14,7 @@ mod cells;
 mod compare;
 mod data;
 mod decode;
+mod depth;
 mod diagnose;
 mod effect_file;
 mod estimate;

@@ -118,7 +118,7 @@ fn of_points(
         E::ScreenBow => {
             let rays = data.display?;
             // The second amplitude is that of x y, so of the diagonals.
-            let um = 1e3 / ARCSEC_PER_RAD / (rays.tangent_per_depth(0.0) * w);
+            let um = 1e3 / ARCSEC_PER_RAD / (rays.tangent_per_depth(0.0, 0.0) * w);
             let sag = Along::of(parameters, um)?;
             let remedy = format!(
                 "flatten the display's mounting: sag {:+.2} +- {:.2} um (x^2 - y^2) {:+.2} +- {:.2} um x y at the edge, away from the lenses",

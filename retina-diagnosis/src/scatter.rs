@@ -29,6 +29,8 @@ const LEVEL: f64 = 0.01;
 /// Most of them.
 const MOST_SCREENS: usize = 5;
 const FLIPS: usize = 499;
+/// A regression takes a part of the errors with it: numbers measured for each of its columns.
+const SPARE: usize = 4;
 /// Fewest pairs of neighbours that tell a scatter.
 const FEWEST_PAIRS: usize = 60;
 /// Standard errors by which two estimates have to differ before the difference is told.
@@ -82,6 +84,10 @@ pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
     let thinned = data.thinned(MOST_ROWS);
     let data = thinned.as_ref().unwrap_or(data);
     let mut columns = flexible(data);
+    let too_flexible = data.len() * data.components() < SPARE * columns.len();
+    if too_flexible {
+        columns.truncate(data.baseline_terms().len());
+    }
     let wander = {
         let fit = robust_fit(data, &columns);
         wander::correlation(data, &fit.residual, &fit.weights)
@@ -121,6 +127,13 @@ pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
         (Some(one), None) | (None, Some(one)) => {
             source.push(format!("{} pairs of neighbours", one.pairs));
             (one.ratio.min(1.0) * regression, jitter2)
+        }
+        (None, None) if too_flexible => {
+            let stated2 = stated(data, weights).map_or(f64::INFINITY, |sigma| sigma * sigma);
+            let what =
+                if stated2 < regression { "what the table states" } else { "errors about the baseline" };
+            source.push(format!("{what}: rows are too few for more"));
+            (stated2.min(regression), jitter2)
         }
         (None, None) => {
             source.push("errors about a flexible regression: neighbours are too few".to_owned());

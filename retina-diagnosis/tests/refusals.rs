@@ -84,6 +84,48 @@ fn rows_that_repeat_are_refused_with_their_lines() {
 }
 
 #[test]
+fn a_camera_coordinate_that_is_constant_is_refused() {
+    let text = campaign(10).table(&setup(), &nothing);
+    let told =
+        format!("{:?}", read(&with_column(&text, "camera_y_px", |_| "411.25".to_owned())).unwrap_err());
+    assert!(told.contains("the same in all rows") && told.contains("column `camera_y_px`"), "{told}");
+}
+
+/// The noise of copies is none, and whatever they have in common is significant.
+#[test]
+fn copies_of_an_exposure_are_left_out_and_said() {
+    let text = campaign(20).table(&setup(), &nothing);
+    let first = text.lines().nth(2).unwrap().split(',').next().unwrap().to_owned();
+    let copied: String = (0..12).fold(String::new(), |mut all, copy| {
+        for row in text.lines().filter(|row| row.starts_with(&first)) {
+            all += &row.replacen(&first, &format!("copy{copy}.png"), 1);
+            all.push('\n');
+        }
+        all
+    });
+    let (own, with) = (read(&text).unwrap(), read(&format!("{text}{copied}")).unwrap());
+    assert_eq!(own.len(), with.len());
+    assert!(!own.notes.iter().any(|note| note.contains("copies")), "{:?}", own.notes);
+    let note = with.notes.iter().find(|note| note.contains("copies")).unwrap();
+    assert!(
+        note.contains("12 of 32 exposures")
+            && note.contains(&format!("`copy0.png` has every point where `{first}`")),
+        "{note}"
+    );
+}
+
+/// A regression with nearly as many columns as there are numbers leaves no errors, and that is no noise.
+#[test]
+fn few_rows_do_not_make_a_noise_of_nothing() {
+    let campaign = Campaign { rows: 40, outliers: 0.0, ..campaign(40) };
+    let data = read(&campaign.table(&setup(), &nothing)).unwrap();
+    let found = diagnose(&data, &[], &DiagnoseOptions { flips: 199, seed: 1 });
+    let part = found.noise.floor() / campaign.noise_arcsec.hypot(campaign.jitter_arcsec);
+    assert!((0.7..1.5).contains(&part), "{part} {:?}", found.noise);
+    assert!(found.noise.source[0].contains("rows are too few"), "{:?}", found.noise.source);
+}
+
+#[test]
 fn units_are_checked_by_their_magnitude() {
     let text = campaign(10).table(&setup(), &nothing);
     let kelvin = with_column(&text, "temperature_c", |c| (c.parse::<f64>().unwrap() + 273.15).to_string());

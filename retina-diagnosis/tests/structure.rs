@@ -7,7 +7,7 @@ mod common;
 use common::{ARCSEC, Campaign, Point, setup};
 use glam::DVec2;
 use retina_diagnosis::{AddedEffect, DiagnoseOptions, Diagnosis, Verdict, compare, diagnose, fit};
-use retina_geometry::{COMAS_MM, DEPTH_KNOTS, DisplayRays};
+use retina_geometry::{DisplayRays, RADIAL_KNOTS, RadialTable};
 
 const OPTIONS: DiagnoseOptions = DiagnoseOptions { flips: 999, seed: 1 };
 
@@ -107,14 +107,10 @@ fn air_in_few_exposures_is_undecided() {
 fn a_tilt_comes_in_degrees_with_its_side() {
     let tan = 0.2f64.to_radians().tan();
     let data = Campaign::new(9).data(&setup(), &|p: &Point| p.r / (1.0 + tan * p.r.x));
-    let tangent_per_depth = [-0.02; DEPTH_KNOTS];
     let pinhole = DisplayRays {
         height_mm: [50.0, 0.0, 0.0],
-        half_tan: 1.0,
-        tangent_per_depth,
-        tangent_per_coma: [[0.0; DEPTH_KNOTS]; COMAS_MM.len()],
-        coma_per_depth: [[0.0; DEPTH_KNOTS]; COMAS_MM.len()],
-        tangent_per_even_coma: [[0.0; DEPTH_KNOTS]; 2],
+        per_depth: [RadialTable { half_tan: 1.0, values: [-0.02; RADIAL_KNOTS] }; 4],
+        coma: None,
     };
     let found = diagnose(&data.with_display_rays(pinhole), &[], &OPTIONS);
     let tilt = found.physical[0].as_ref().unwrap();

@@ -2,14 +2,16 @@
 
 use crate::cubic_shares;
 
-/// Places at which dr/dz is tabulated, from the axis to the largest line of sight.
-pub const DEPTH_KNOTS: usize = 17;
+/// Places at which a [`RadialTable`] has values.
+pub const RADIAL_KNOTS: usize = 25;
+/// Depths of the display whose effect is tabulated, mm: bright cores do not move in proportion to the depth.
+pub const DEPTHS_MM: [f64; 4] = [-0.1, -0.02, 0.02, 0.1];
 /// Comas whose effect is tabulated, mm at half the camera's width.
 pub const COMAS_MM: [f64; 6] = [-1e-3, -3e-4, -1e-4, 1e-4, 3e-4, 1e-3];
 
 /// Where lines of sight meet the display, and what its depth does to them, of a facility that is symmetric about its
 /// axis. With r the tangent of the line of sight and z the depth away from the lenses: height X(r) = r (h_0 + h_1 r^2 +
-/// h_2 r^4), and dr/dz is r times a table.
+/// h_2 r^4), and a depth moves r in proportion to itself, nearly.
 ///
 /// Lines of sight are those that a detector finds, by a window as wide as the spot. Neither the chief ray nor the mean of
 /// the light moves as the bright core of a blurred spot with coma does.
@@ -17,18 +19,65 @@ pub const COMAS_MM: [f64; 6] = [-1e-3, -3e-4, -1e-4, 1e-4, 3e-4, 1e-3];
 pub struct DisplayRays {
     /// h_0, h_1, h_2, mm; the display's axes are those of the lines of sight, so h_0 is positive.
     pub height_mm: [f64; 3],
-    /// The largest line of sight's tangent.
+    /// What each of [`DEPTHS_MM`] adds to r, over r and the depth, 1/mm.
+    pub per_depth: [RadialTable; DEPTHS_MM.len()],
+    /// What the objective's coma does; `None` where it was not asked for.
+    pub coma: Option<ComaRays>,
+}
+
+/// An even function of the line of sight's tangent r, at equal steps of r^2 from 0: what lenses do changes most at the
+/// edge of their field.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RadialTable {
+    /// The last tangent.
     pub half_tan: f64,
-    /// (dr/dz) / r at equal steps of r from 0 to `half_tan`, 1/mm.
-    pub tangent_per_depth: [f64; DEPTH_KNOTS],
-    /// What coma that grows with the line of sight adds to it, over r / u and the coma, at the same steps, for each of
-    /// [`COMAS_MM`] at u, half the camera's width: tangents per mm. Coma is path at the pupil's rim, of Zernike's
-    /// term (3 rho^2 - 2) rho cos phi. Bright cores do not move in proportion to it.
-    pub tangent_per_coma: [[f64; DEPTH_KNOTS]; COMAS_MM.len()],
+    /// Values.
+    pub values: [f64; RADIAL_KNOTS],
+}
+
+/// What the objective's coma does to lines of sight. Coma is path at the pupil's rim, of Zernike's
+/// term (3 rho^2 - 2) rho cos phi. Bright cores do not move in proportion to it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ComaRays {
+    /// What coma that grows with the line of sight adds to it, over r / u and the coma, for each of [`COMAS_MM`] at u, half
+    /// the camera's width: tangents per mm.
+    pub tangent_per_coma: [RadialTable; COMAS_MM.len()],
     /// What depth adds to that, 1/mm^2.
-    pub coma_per_depth: [[f64; DEPTH_KNOTS]; COMAS_MM.len()],
+    pub coma_per_depth: [RadialTable; COMAS_MM.len()],
     /// What weak coma that is the same all over the field adds, along the radius and across it: tangents per mm.
-    pub tangent_per_even_coma: [[f64; DEPTH_KNOTS]; 2],
+    pub tangent_per_even_coma: [RadialTable; 2],
+}
+
+impl RadialTable {
+    /// Of the function at each place but the first, on the axis.
+    pub fn new(half_tan: f64, off_axis: [f64; RADIAL_KNOTS - 1]) -> Self {
+        let mut values = [0.0; RADIAL_KNOTS];
+        values[1..].copy_from_slice(&off_axis);
+        // A parabola in r^2 through the next three.
+        values[0] = 3.0 * (values[1] - values[2]) + values[3];
+        Self { half_tan, values }
+    }
+
+    /// Tangent of a place.
+    pub fn place(half_tan: f64, knot: usize) -> f64 {
+        half_tan * (knot as f64 / (RADIAL_KNOTS - 1) as f64).sqrt()
+    }
+
+    /// At the tangent r: cubic between the places (Catmull and Rom's slopes), the last value beyond them.
+    pub fn at(&self, r: f64) -> f64 {
+        let Self { half_tan, values } = self;
+        let last = RADIAL_KNOTS - 1;
+        let at = ((r / half_tan).powi(2) * last as f64).min(last as f64);
+        let cell = (at as usize).min(last - 1);
+        // Straight at both ends.
+        let value = |k: isize| match k {
+            k if k < 0 => 2.0 * values[0] - values[1],
+            k if k as usize > last => 2.0 * values[last] - values[last - 1],
+            k => values[k as usize],
+        };
+        let shares = cubic_shares(at - cell as f64);
+        shares.iter().zip(cell as isize - 1..).map(|(share, k)| share * value(k)).sum()
+    }
 }
 
 impl DisplayRays {
@@ -37,39 +86,15 @@ impl DisplayRays {
         even(self.height_mm, r)
     }
 
-    /// What a millimetre of depth adds to a line of sight of tangent r, over r: cubic between the table's places (Catmull
-    /// and Rom's slopes), its last value beyond them.
-    pub fn tangent_per_depth(&self, r: f64) -> f64 {
-        self.joined(&self.tangent_per_depth, r)
-    }
-
-    /// What one of [`COMAS_MM`] adds to the line of sight at the tangent r, over r / u and the coma; joined alike.
-    pub fn tangent_per_coma(&self, coma: usize, r: f64) -> f64 {
-        self.joined(&self.tangent_per_coma[coma], r)
-    }
-
-    /// What a millimetre of depth adds to that; joined alike.
-    pub fn coma_per_depth(&self, coma: usize, r: f64) -> f64 {
-        self.joined(&self.coma_per_depth[coma], r)
-    }
-
-    /// What even coma adds along the radius and across it; joined alike.
-    pub fn tangent_per_even_coma(&self, r: f64) -> [f64; 2] {
-        self.tangent_per_even_coma.each_ref().map(|table| self.joined(table, r))
-    }
-
-    fn joined(&self, table: &[f64; DEPTH_KNOTS], r: f64) -> f64 {
-        let last = DEPTH_KNOTS - 1;
-        let at = (r.abs() / self.half_tan * last as f64).min(last as f64);
-        let cell = (at as usize).min(last - 1);
-        // Even in r, and straight at the end.
-        let value = |k: isize| match k {
-            k if k < 0 => table[k.unsigned_abs()],
-            k if k as usize > last => 2.0 * table[last] - table[last - 1],
-            k => table[k as usize],
+    /// What a depth z (mm) adds to a line of sight of tangent r, over r and z: the cubic in z through the tables, at most
+    /// as deep as these go.
+    pub fn tangent_per_depth(&self, r: f64, depth_mm: f64) -> f64 {
+        let z = depth_mm.clamp(DEPTHS_MM[0], DEPTHS_MM[DEPTHS_MM.len() - 1]);
+        let share = |k: usize| -> f64 {
+            let others = DEPTHS_MM.iter().enumerate().filter(|(j, _)| *j != k);
+            others.map(|(_, other)| (z - other) / (DEPTHS_MM[k] - other)).product()
         };
-        let shares = cubic_shares(at - cell as f64);
-        shares.iter().zip(cell as isize - 1..).map(|(share, k)| share * value(k)).sum()
+        self.per_depth.iter().enumerate().map(|(k, table)| share(k) * table.at(r)).sum()
     }
 
     /// The line of sight's tangent of what a pinhole of the same focal length would show at u: the r with r h(r) = u h(0).
@@ -107,7 +132,7 @@ impl DisplayRays {
     /// What a tilt adds near the axis: a display turned by tau moves u (tangents) by k tau (u . e) u, with this k; -1 for
     /// a pinhole (Hartley and Zisserman, Multiple View Geometry, sec. 2.3: X = f r on a plane at f + dz).
     pub fn tilt_gain(&self) -> f64 {
-        self.height_mm[0] * self.tangent_per_depth(0.0)
+        self.height_mm[0] * self.tangent_per_depth(0.0, 0.0)
     }
 }
 
@@ -118,18 +143,15 @@ fn even([a, b, c]: [f64; 3], r: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{COMAS_MM, DEPTH_KNOTS, DisplayRays};
+    use super::{DEPTHS_MM, DisplayRays, RADIAL_KNOTS, RadialTable};
 
     /// Against differences of the mapping itself, r h(r) = u h(0), solved by bisection.
     #[test]
     fn a_shift_moves_lines_of_sight_as_the_mapping_does() {
         let lens = DisplayRays {
             height_mm: [50.0, -30.0, 200.0],
-            half_tan: 0.2,
-            tangent_per_depth: [-0.02; DEPTH_KNOTS],
-            tangent_per_coma: [[0.0; DEPTH_KNOTS]; COMAS_MM.len()],
-            coma_per_depth: [[0.0; DEPTH_KNOTS]; COMAS_MM.len()],
-            tangent_per_even_coma: [[0.0; DEPTH_KNOTS]; 2],
+            per_depth: [RadialTable { half_tan: 0.2, values: [-0.02; RADIAL_KNOTS] }; 4],
+            coma: None,
         };
         let seen = |[x, y]: [f64; 2]| {
             let u = x.hypot(y);
@@ -156,24 +178,31 @@ mod tests {
         }
     }
 
-    /// A parabola in r is joined exactly, but for the last step.
+    /// A parabola in r is joined exactly; what is smooth in r^2 to the third order.
     #[test]
-    fn the_table_of_depths_is_joined_smoothly() {
-        let half_tan = 0.2;
+    fn a_table_is_joined_smoothly() {
         let of = |r: f64| -0.01 + 0.3 * r * r;
-        let tangent_per_depth = std::array::from_fn(|k| of(half_tan * k as f64 / (DEPTH_KNOTS - 1) as f64));
-        let lens = DisplayRays {
-            height_mm: [50.0, 0.0, 0.0],
-            half_tan,
-            tangent_per_depth,
-            tangent_per_coma: [[0.0; DEPTH_KNOTS]; COMAS_MM.len()],
-            coma_per_depth: [[0.0; DEPTH_KNOTS]; COMAS_MM.len()],
-            tangent_per_even_coma: [[0.0; DEPTH_KNOTS]; 2],
+        let table = |of: &dyn Fn(f64) -> f64| {
+            RadialTable::new(0.2, std::array::from_fn(|k| of(RadialTable::place(0.2, k + 1))))
         };
-        for r in [0.0, 0.003, 0.0125, 0.111, 0.18] {
-            assert!((lens.tangent_per_depth(r) - of(r)).abs() < 1e-12, "{r}");
-            assert_eq!(lens.tangent_per_depth(r), lens.tangent_per_depth(-r));
+        let (parabola, wave) = (table(&of), table(&|r: f64| (100.0 * r * r).cos()));
+        for r in [0.0, 0.003, 0.0125, 0.111, 0.18, 0.2] {
+            assert!((parabola.at(r) - of(r)).abs() < 1e-12, "{r}");
+            assert_eq!(parabola.at(r), parabola.at(-r));
+            assert!((wave.at(r) - (100.0 * r * r).cos()).abs() < 3e-3, "{r}: {}", wave.at(r));
         }
-        assert_eq!(lens.tangent_per_depth(0.3), of(half_tan));
+        assert!((parabola.at(0.3) - of(0.2)).abs() < 1e-12);
+    }
+
+    /// A cubic in the depth is joined exactly, and goes no further than the tables.
+    #[test]
+    fn depths_between_the_tables_are_joined() {
+        let of = |z: f64| -0.02 + 0.1 * z - 0.3 * z * z + 2.0 * z.powi(3);
+        let per_depth = DEPTHS_MM.map(|z| RadialTable { half_tan: 0.2, values: [of(z); RADIAL_KNOTS] });
+        let lens = DisplayRays { height_mm: [50.0, 0.0, 0.0], per_depth, coma: None };
+        for z in [-0.1, -0.05, 0.0, 0.013, 0.1] {
+            assert!((lens.tangent_per_depth(0.1, z) - of(z)).abs() < 1e-12, "{z}");
+        }
+        assert!((lens.tangent_per_depth(0.1, 0.4) - of(0.1)).abs() < 1e-12);
     }
 }

@@ -32,7 +32,7 @@ mod warp;
 
 pub use bench_setup::{NoiseSetup, OpticsSetup};
 pub use cubic::cubic_shares;
-pub use display_rays::{COMAS_MM, DEPTH_KNOTS, DisplayRays};
+pub use display_rays::{COMAS_MM, ComaRays, DEPTHS_MM, DisplayRays, RADIAL_KNOTS, RadialTable};
 pub use distortion::{Distortion, DistortionError, MAX_DEGREE, term_count};
 pub use inverse::{CalibratedField, InverseDistortion, InverseTerm, RingField};
 pub use lens_models::{Lens, LensImage, LensModel, MOST_COEFFICIENTS, OutOfDomain};

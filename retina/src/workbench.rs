@@ -210,7 +210,8 @@ impl Input {
         let mut data = Dataset::new(&source)?;
         let mut rays = None;
         if matches!(tables, Measurements::Points(_)) {
-            match lenses(&setup) {
+            // Coma by itself is told from the lenses' own by a calibration alone.
+            match lenses(&setup, calibration.is_some()) {
                 Ok(traced) => rays = Some(traced),
                 Err(error) => data
                     .notes
@@ -224,14 +225,14 @@ impl Input {
     }
 }
 
-/// What the facility's lenses make of the display's depth.
-fn lenses(setup: &Setup) -> Result<DisplayRays, retina_bench::BenchError> {
+/// What the facility's lenses make of the display's depth, and of coma.
+fn lenses(setup: &Setup, with_coma: bool) -> Result<DisplayRays, retina_bench::BenchError> {
     let camera = setup.camera_pinhole();
     let corner = glam::DVec2::new(
         f64::from(camera.width_px) / camera.fx_px,
         f64::from(camera.height_px) / camera.fy_px,
     );
-    retina_bench::display_rays(setup, 0.5 * corner.length())
+    retina_bench::display_rays(setup, 0.5 * corner.length(), with_coma)
 }
 
 /// An effect that the model already has.

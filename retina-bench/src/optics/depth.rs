@@ -2,28 +2,36 @@
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 use rayon::prelude::*;
-use retina_geometry::{COMAS_MM, DEPTH_KNOTS, DisplayRays, Setup};
-use retina_optics::pupil::PupilPoint;
+use retina_geometry::{COMAS_MM, ComaRays, DEPTHS_MM, DisplayRays, RADIAL_KNOTS, RadialTable, Setup};
+use retina_optics::facility::{
+    COMA, KernelFrame, KernelGrid, SlopeFit, SpectralLine, WAVEFRONT_TERMS, Wavefront, clear_kernel,
+};
+use retina_optics::pupil::{PupilPoint, gaussian};
 use retina_optics::{Clipping, Launcher, OpticsError, RayBatch, Tracer};
 
 use super::facility_system;
-use super::windowed::{Sampling, pupil_points, windowed_mean};
+use super::windowed::windowed_in;
 use crate::{BenchError, Display};
 
-/// Half the depth over which the response is taken, mm: that of the edge of a display tilted by a tenth of a degree.
-/// (Cores do not move in proportion to the depth.)
-const DEPTH_MM: f64 = 0.02;
+/// Depth over which the response to coma is taken, mm: that of the edge of a display tilted by a tenth of a degree.
+const COMA_DEPTH_MM: f64 = 0.02;
 /// Half the even coma over which the response is taken, mm of path at the pupil's rim.
 const EVEN_COMA_MM: f64 = 1e-4;
+/// Rays over the pupil: they determine a wavefront.
+const RINGS: usize = 9;
+const ARMS: usize = 22;
+/// Samples of an image a pixel, and how far it reaches, px.
+const PER_PX: usize = 4;
+const HALF_PX: usize = 14;
 /// Step of a line of sight for its derivatives, tangents.
 const STEP: f64 = 1e-4;
 
-/// What a setup's lenses make of the display's depth and of coma, by rays over the whole pupil at the channels'
-/// wavelengths, seen by a detector. `half_tan` is the largest line of sight's tangent.
+/// What a setup's lenses make of the display's depth and of coma, by images of points at the channels' wavelengths, seen
+/// by a detector. `half_tan` is the largest line of sight's tangent. Coma takes most of the time (0.3 s), and is left out where it is not wanted.
 ///
 /// # Errors
 /// As [`facility_system`]; a ray that does not arrive.
-pub fn display_rays(setup: &Setup, half_tan: f64) -> Result<DisplayRays, BenchError> {
+pub fn display_rays(setup: &Setup, half_tan: f64, with_coma: bool) -> Result<DisplayRays, BenchError> {
     let system = facility_system(setup)?;
     let launcher = Launcher::new(&system)?;
     let wavelength = &setup.screen.wavelength_nm;
@@ -31,35 +39,32 @@ pub fn display_rays(setup: &Setup, half_tan: f64) -> Result<DisplayRays, BenchEr
         .map(|nm| Tracer::new(&system, nm, Clipping::Off).map(|tracer| (nm, tracer)))
         .into_iter()
         .collect::<Result<Vec<_>, _>>()?;
+    let pupil = gaussian(RINGS, ARMS, 0.0);
     let spots = Spots {
         pupil_radius_mm: launcher.ray([0.0; 2], [1.0, 0.0])?.position_mm.x,
         launcher,
         fans,
-        pupil: pupil_points(),
+        slopes: SlopeFit::new(&pupil.iter().map(|point| point.at).collect::<Vec<_>>()),
+        pupil,
         focal_px: setup.camera_pinhole().fx_px,
         half_width_tan: 0.5 * f64::from(setup.camera.width_px) / setup.camera_pinhole().fx_px,
         display: Display::new(setup, 0),
     };
-    let knots = (1..DEPTH_KNOTS)
+    let knots = (1..RADIAL_KNOTS)
         .into_par_iter()
-        .map(|k| spots.response(half_tan * k as f64 / (DEPTH_KNOTS - 1) as f64))
+        .map(|k| spots.response(RadialTable::place(half_tan, k), with_coma))
         .collect::<Result<Vec<_>, _>>()?;
-    let table = |of: &dyn Fn(&Response) -> f64| {
-        let mut table = [0.0; DEPTH_KNOTS];
-        for (value, knot) in table[1..].iter_mut().zip(&knots) {
-            *value = of(knot);
-        }
-        // Even about the axis: a parabola through the first two.
-        table[0] = (4.0 * table[1] - table[2]) / 3.0;
-        table
-    };
+    let table =
+        |of: &dyn Fn(&Response) -> f64| RadialTable::new(half_tan, std::array::from_fn(|k| of(&knots[k])));
+    let of_coma = |of: &dyn Fn(&ComaResponse) -> f64| table(&|knot| knot.coma.as_ref().map_or(0.0, of));
     Ok(DisplayRays {
         height_mm: heights(half_tan, &knots),
-        half_tan,
-        tangent_per_depth: table(&|knot| knot.tangent_per_depth),
-        tangent_per_coma: std::array::from_fn(|k| table(&|knot| knot.tangent_per_coma[k])),
-        coma_per_depth: std::array::from_fn(|k| table(&|knot| knot.coma_per_depth[k])),
-        tangent_per_even_coma: [0, 1].map(|k| table(&|knot| knot.tangent_per_even_coma[k])),
+        per_depth: std::array::from_fn(|k| table(&|knot| knot.per_depth[k])),
+        coma: with_coma.then(|| ComaRays {
+            tangent_per_coma: std::array::from_fn(|k| of_coma(&|coma| coma.tangent_per_coma[k])),
+            coma_per_depth: std::array::from_fn(|k| of_coma(&|coma| coma.coma_per_depth[k])),
+            tangent_per_even_coma: [0, 1].map(|k| of_coma(&|coma| coma.tangent_per_even_coma[k])),
+        }),
     })
 }
 
@@ -69,9 +74,13 @@ struct Response {
     tangent: f64,
     /// Height on the display over it, mm.
     height_over_tangent_mm: f64,
-    /// What depth adds to the tangent, over it, 1/mm.
-    tangent_per_depth: f64,
     /// See [`DisplayRays`].
+    per_depth: [f64; DEPTHS_MM.len()],
+    coma: Option<ComaResponse>,
+}
+
+/// See [`ComaRays`].
+struct ComaResponse {
     tangent_per_coma: [f64; COMAS_MM.len()],
     coma_per_depth: [f64; COMAS_MM.len()],
     tangent_per_even_coma: [f64; 2],
@@ -82,6 +91,7 @@ struct Spots {
     /// Wavelengths, and what traces them.
     fans: Vec<(f64, Tracer)>,
     pupil: Vec<PupilPoint>,
+    slopes: SlopeFit,
     pupil_radius_mm: f64,
     focal_px: f64,
     /// Half the camera's width.
@@ -97,8 +107,8 @@ struct Meeting {
 }
 
 impl Spots {
-    /// Of the place whose light, on the average, is on the line of sight (r, 0).
-    fn response(&self, r: f64) -> Result<Response, OpticsError> {
+    /// Of the place whose light, on the average, is on the line of sight (r, 0), by Fourier sums over the pupil.
+    fn response(&self, r: f64, with_coma: bool) -> Result<Response, OpticsError> {
         let field = DVec2::new(r, 0.0);
         let meetings = self
             .fans
@@ -115,49 +125,64 @@ impl Spots {
         };
         let place_mm = mean(&|meeting| meeting.at_mm);
         let px_per_mm = self.focal_px / mean(&|meeting| meeting.mm_per_tangent.x_axis).length();
-        let emission_px = px_per_mm * self.display.emission_sigma_mm();
-        let blur_px = all()
-            .map(|((nm, _), _)| Sampling::blur_px(self.focal_px, *nm, self.pupil_radius_mm) / count)
-            .sum::<f64>()
-            .hypot(emission_px);
-        // A direction's cosines per its tangents, along the radius and across it.
-        let per_cosine = DVec2::new((1.0 + r * r).powf(1.5), (1.0 + r * r).sqrt());
-        // Each ray of the place at a depth, to first order in the spot's size. Coma C (3 rho^2 - 2) (e . p) turns the
-        // ray at the pupil's p by its gradient over the pupil's radius.
-        let seen = |depth_mm: f64, coma_mm: DVec2| {
-            let rays: Vec<_> = all()
-                .flat_map(|(_, fan)| fan.iter().zip(&self.pupil))
-                .map(|(meeting, point)| {
-                    let miss_mm = place_mm - meeting.at_mm - depth_mm * meeting.slope;
-                    let p = DVec2::from(point.at);
-                    let turn = (3.0 * p.length_squared() - 2.0) * coma_mm + 6.0 * coma_mm.dot(p) * p;
-                    let tangent = field
-                        + meeting.mm_per_tangent.inverse() * miss_mm
-                        + per_cosine * turn / self.pupil_radius_mm;
-                    ((tangent * self.focal_px).to_array(), point.weight)
+        let emission_px = 12f64.sqrt() * px_per_mm * self.display.emission_sigma_mm();
+        // The light of the place at a depth, as the camera's pupil receives it: each ray to first order in the spot's size.
+        let waves = |depth_mm: f64| -> Vec<(Wavefront, SpectralLine)> {
+            all()
+                .map(|((nm, _), fan)| {
+                    let cosines: Vec<f64> = fan
+                        .iter()
+                        .flat_map(|meeting| {
+                            let miss_mm = place_mm - meeting.at_mm - depth_mm * meeting.slope;
+                            let tangent = field + meeting.mm_per_tangent.inverse() * miss_mm;
+                            (tangent / (1.0 + tangent.length_squared()).sqrt()).to_array()
+                        })
+                        .collect();
+                    (self.slopes.wavefront(&cosines, self.pupil_radius_mm), (*nm, 1.0 / count))
                 })
-                .collect();
-            DVec2::from(windowed_mean(&rays, blur_px)) / self.focal_px
+                .collect()
         };
-        let deep = |depth_mm: f64| seen(depth_mm, DVec2::ZERO).x;
-        let tangent = deep(0.0);
-        let part = r / self.half_width_tan;
-        let grown = |depth_mm: f64, coma_mm: f64| {
-            let coma = DVec2::new(coma_mm * part, 0.0);
-            (seen(depth_mm, coma).x - deep(depth_mm)) / (coma_mm * part)
+        let frame = KernelFrame { reference: field.to_array(), roll_rad: 0.0 };
+        let grid = KernelGrid { focal_px: self.focal_px, per_px: PER_PX, half_px: HALF_PX };
+        let seen = |waves: &[(Wavefront, SpectralLine)], coma_mm: DVec2| -> Result<DVec2, OpticsError> {
+            let mut terms = [0.0; WAVEFRONT_TERMS];
+            (terms[COMA[0]], terms[COMA[1]]) = coma_mm.into();
+            let with_coma: Vec<_> = waves.iter().map(|(wave, line)| (wave.plus(&terms), *line)).collect();
+            let mut image = clear_kernel(&with_coma, frame, grid)?;
+            image.spread([1.0; 2]);
+            image.spread([emission_px; 2]);
+            Ok(field + DVec2::from(windowed_in(&image)) / self.focal_px)
         };
-        let even = |axis: DVec2| {
-            let [plus, minus] = [1.0, -1.0].map(|sign| seen(0.0, sign * EVEN_COMA_MM * axis));
-            (plus - minus).dot(axis) / (2.0 * EVEN_COMA_MM)
+        let still = |waves: &[_]| Ok::<_, OpticsError>(seen(waves, DVec2::ZERO)?.x);
+        let (focused, far) = (waves(0.0), waves(COMA_DEPTH_MM));
+        let (tangent, far_tangent) = (still(&focused)?, still(&far)?);
+        let mut per_depth = [0.0; DEPTHS_MM.len()];
+        for (per_depth, depth_mm) in per_depth.iter_mut().zip(DEPTHS_MM) {
+            *per_depth = (still(&waves(depth_mm))? - tangent) / (depth_mm * tangent);
+        }
+        let coma = || -> Result<ComaResponse, OpticsError> {
+            let mut tangent_per_coma = [0.0; COMAS_MM.len()];
+            let mut coma_per_depth = [0.0; COMAS_MM.len()];
+            for (k, coma_mm) in COMAS_MM.into_iter().enumerate() {
+                let coma = DVec2::new(coma_mm * r / self.half_width_tan, 0.0);
+                let grown = |waves: &[_], without: f64| {
+                    Ok::<_, OpticsError>((seen(waves, coma)?.x - without) / coma.x)
+                };
+                tangent_per_coma[k] = grown(&focused, tangent)?;
+                coma_per_depth[k] = (grown(&far, far_tangent)? - tangent_per_coma[k]) / COMA_DEPTH_MM;
+            }
+            let even = |axis: DVec2| -> Result<f64, OpticsError> {
+                let [plus, minus] = [1.0, -1.0].map(|sign| seen(&focused, sign * EVEN_COMA_MM * axis));
+                Ok((plus? - minus?).dot(axis) / (2.0 * EVEN_COMA_MM))
+            };
+            let tangent_per_even_coma = [even(DVec2::X)?, even(DVec2::Y)?];
+            Ok(ComaResponse { tangent_per_coma, coma_per_depth, tangent_per_even_coma })
         };
         Ok(Response {
             tangent,
             height_over_tangent_mm: place_mm.x.abs() / tangent,
-            tangent_per_depth: (deep(DEPTH_MM) - deep(-DEPTH_MM)) / (2.0 * DEPTH_MM * tangent),
-            tangent_per_coma: COMAS_MM.map(|coma| grown(0.0, coma)),
-            coma_per_depth: COMAS_MM
-                .map(|coma| (grown(DEPTH_MM, coma) - grown(-DEPTH_MM, coma)) / (2.0 * DEPTH_MM)),
-            tangent_per_even_coma: [DVec2::X, DVec2::Y].map(even),
+            per_depth,
+            coma: with_coma.then(coma).transpose()?,
         })
     }
 

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use glam::DVec2;
 use rayon::prelude::*;
 use retina_geometry::cubic_shares;
-use retina_optics::facility::{Wavefront, tangents};
+use retina_optics::facility::{Kernel, Wavefront, tangents};
 use retina_optics::pupil::{PupilPoint, gaussian};
 
 /// Variance of a detector's weight in units of the spot's.
@@ -37,41 +37,118 @@ pub(super) type RayPlace = ([f64; 2], f64);
 pub(super) fn windowed_mean(rays: &[RayPlace], blur_px: f64) -> [f64; 2] {
     let blur2 = blur_px * blur_px;
     let total: f64 = rays.iter().map(|(_, w)| w).sum();
-    let mut at = [0, 1].map(|k| rays.iter().map(|(p, w)| w * p[k]).sum::<f64>() / total);
+    let at = [0, 1].map(|k| rays.iter().map(|(p, w)| w * p[k]).sum::<f64>() / total);
     let spread: f64 =
         rays.iter().map(|(p, w)| w * ((p[0] - at[0]).powi(2) + (p[1] - at[1]).powi(2))).sum::<f64>() / total;
-    let mut sigma = (0.5 * spread + blur2).sqrt().clamp(RANGE_PX[0], RANGE_PX[1]);
+    let mut window = Window { at, sigma: (0.5 * spread + blur2).sqrt().clamp(RANGE_PX[0], RANGE_PX[1]) };
     for _ in 0..ROUNDS {
-        let weight2 = WEIGHT_RATIO * sigma * sigma;
+        let wide2 = window.variance() + blur2;
+        let mut moments = Moments::default();
+        for (place, share) in rays {
+            let [x, y] = [place[0] - window.at[0], place[1] - window.at[1]];
+            moments.add(share * (-(x * x + y * y) / (2.0 * wide2)).exp(), x, y);
+        }
+        window.step(&moments, blur2);
+    }
+    window.at
+}
+
+/// Rounds until the windowed mean of an image stands still to 1e-4 px.
+const SETTLED: usize = 14;
+
+/// The windowed mean of an image, px from its middle, from its brightest sample.
+pub(super) fn windowed_in(image: &Kernel) -> [f64; 2] {
+    let side = image.grid.side();
+    let brightest = image.values.iter().enumerate().fold(
+        (0, 0.0),
+        |best: (usize, f32), (i, &v)| {
+            if v > best.1 { (i, v) } else { best }
+        },
+    );
+    let offset = |sample: usize| (sample as f64 - (side / 2) as f64) / image.grid.per_px as f64;
+    let mut window =
+        Window { at: [brightest.0 % side, brightest.0 / side].map(offset), sigma: 2.0 * RANGE_PX[0] };
+    for _ in 0..SETTLED {
+        let [across, down] = window.at.map(|at| -> Vec<(f64, f64)> {
+            (0..side)
+                .map(|sample| {
+                    let x = offset(sample) - at;
+                    (x, (-x * x / (2.0 * window.variance())).exp())
+                })
+                .collect()
+        });
+        let mut moments = Moments::default();
+        for (row, &(y, weight)) in image.values.chunks_exact(side).zip(&down) {
+            let mut line = [0.0; 3];
+            for (&value, &(x, weight)) in row.iter().zip(&across) {
+                let light = weight * f64::from(value);
+                line = [line[0] + light, line[1] + light * x, line[2] + light * x * x];
+            }
+            let [light, x, xx] = line.map(|sum| weight * sum);
+            moments.light += light;
+            moments.first = [moments.first[0] + x, moments.first[1] + y * light];
+            moments.second =
+                [moments.second[0] + xx, moments.second[1] + y * x, moments.second[2] + y * y * light];
+        }
+        window.step(&moments, 0.0);
+    }
+    window.at
+}
+
+/// A detector's window: its middle, and the width that it takes for the spot's, px.
+struct Window {
+    at: [f64; 2],
+    sigma: f64,
+}
+
+/// Weighted light, and its moments about the window's middle.
+#[derive(Default)]
+struct Moments {
+    light: f64,
+    first: [f64; 2],
+    /// xx, xy, yy.
+    second: [f64; 3],
+}
+
+impl Moments {
+    fn add(&mut self, light: f64, x: f64, y: f64) {
+        self.light += light;
+        self.first = [self.first[0] + light * x, self.first[1] + light * y];
+        let [xx, xy, yy] = self.second;
+        self.second = [xx + light * x * x, xy + light * x * y, yy + light * y * y];
+    }
+}
+
+impl Window {
+    /// Variance of the weight.
+    fn variance(&self) -> f64 {
+        WEIGHT_RATIO * self.sigma * self.sigma
+    }
+
+    /// Moves to where the moments say that the light is, each of whose parts is spread by a Gaussian of variance `blur2`
+    /// that the moments do not hold.
+    fn step(&mut self, moments: &Moments, blur2: f64) {
+        let weight2 = self.variance();
         let wide2 = weight2 + blur2;
         let shrink = weight2 / wide2;
-        let (mut light, mut first, mut second) = (0.0, [0.0; 2], [0.0; 3]);
-        for (place, share) in rays {
-            let [x, y] = [place[0] - at[0], place[1] - at[1]];
-            let w = share * (-(x * x + y * y) / (2.0 * wide2)).exp();
-            light += w;
-            first = [first[0] + w * x, first[1] + w * y];
-            second = [second[0] + w * x * x, second[1] + w * x * y, second[2] + w * y * y];
-        }
         let own = weight2 * blur2 / wide2;
-        let [xx, xy, yy] = second.map(|sum| shrink * shrink * sum / light);
+        let [xx, xy, yy] = moments.second.map(|sum| shrink * shrink * sum / moments.light);
         let (xx, yy) = (xx + own, yy + own);
         let determinant = xx * yy - xy * xy;
         let [a, b, c] =
             [yy / determinant - 1.0 / weight2, -xy / determinant, xx / determinant - 1.0 / weight2];
         let inverse = a * c - b * b;
         // Light that is even over the window has no width in it.
-        let next = if a > 0.0 && inverse > 0.0 { inverse.powf(-0.25) } else { 1.5 * sigma };
-        let next = next.clamp(sigma / 1.5, 1.5 * sigma).clamp(RANGE_PX[0], RANGE_PX[1]);
-        let step = first.map(|sum| shrink * (1.0 + 1.0 / WEIGHT_RATIO) * sum / light);
-        at = [at[0] + step[0], at[1] + step[1]];
-        sigma = next;
+        let next = if a > 0.0 && inverse > 0.0 { inverse.powf(-0.25) } else { 1.5 * self.sigma };
+        for (at, sum) in self.at.iter_mut().zip(moments.first) {
+            *at += shrink * (1.0 + 1.0 / WEIGHT_RATIO) * sum / moments.light;
+        }
+        self.sigma = next.clamp(self.sigma / 1.5, 1.5 * self.sigma).clamp(RANGE_PX[0], RANGE_PX[1]);
     }
-    at
 }
 
 /// The rays of a spot.
-pub(super) fn pupil_points() -> Vec<PupilPoint> {
+fn pupil_points() -> Vec<PupilPoint> {
     gaussian(RINGS, ARMS, 0.0)
 }
 

@@ -40,7 +40,7 @@ use retina_formats::{EffectId, TableKind};
 use crate::data::{Dataset, Term};
 
 pub(crate) use point_forms::optical_centre_gain;
-pub(crate) use traced::STEADY;
+pub(crate) use traced::{STEADY, depth_mm};
 pub(crate) use wide::{later_forms, wide};
 
 /// One form of an effect: its shape parameters fixed, linear in its amplitudes.

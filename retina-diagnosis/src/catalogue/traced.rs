@@ -1,21 +1,31 @@
 //! Forms that rays through the setup's lenses give: the display's depth, and coma.
 
 use glam::DVec2;
-use retina_geometry::{COMAS_MM, DisplayRays};
+use retina_geometry::{COMAS_MM, ComaRays, DisplayRays};
 
-use crate::data::{ARCSEC_PER_RAD, Dataset, Term};
+use crate::data::{ARCSEC_PER_RAD, Dataset, DisplayDepth, Term};
 
 use super::Variant;
 use super::point_forms::{pair, powers_of_l, radial_term, xy};
 
 /// What a depth that grows with a power of the display's height does to a line of sight, over what it would do if the
-/// lenses were a pinhole near the axis; 1 where the lenses are not known.
+/// lenses were a pinhole near the axis; 1 where the lenses are not known. A display that is known to stand aside is moved
+/// from there: what its whole depth does, over the depth.
 fn plane_gain(data: &Dataset, x: f64, y: f64, power: i32) -> f64 {
     data.display.map_or(1.0, |rays| {
         let r = data.half_tan * x.hypot(y);
         let height = rays.height_over_tangent_mm(r) / rays.height_over_tangent_mm(0.0);
-        height.powi(power) * rays.tangent_per_depth(r) / rays.tangent_per_depth(0.0)
+        let depth_mm = depth_mm(data, &rays, data.display_depth, [x, y]);
+        height.powi(power) * rays.tangent_per_depth(r, depth_mm) / rays.tangent_per_depth(0.0, 0.0)
     })
+}
+
+/// How far a display of this tilt and bow stands away from the lenses where it shows the line of sight (x, y), mm.
+pub(crate) fn depth_mm(data: &Dataset, rays: &DisplayRays, of: DisplayDepth, [x, y]: [f64; 2]) -> f64 {
+    let DisplayDepth { tilt: [a, b], bow: [c, d] } = of;
+    let height = rays.height_over_tangent_mm(data.half_tan * x.hypot(y)) / rays.height_over_tangent_mm(0.0);
+    let arcsec = (a * x + b * y) * height + (c * (x * x - y * y) + d * x * y) * height * height;
+    arcsec / (data.half_tan * ARCSEC_PER_RAD * rays.tangent_per_depth(0.0, 0.0))
 }
 
 pub(super) fn tilt(data: &Dataset, turns: bool) -> Vec<Term<'_>> {
@@ -65,15 +75,15 @@ const MUCH: f64 = 2.5;
 
 /// What 1 um of one of the traced comas moves a place by, over the place (both in halves of the camera's width): arcsec;
 /// and what 1 mm of depth adds to it.
-fn coma_at(data: &Dataset, rays: &DisplayRays, coma: usize, place: DVec2) -> [f64; 2] {
+fn coma_at(data: &Dataset, rays: &ComaRays, coma: usize, place: DVec2) -> [f64; 2] {
     let r = data.half_tan * place.length();
-    [rays.tangent_per_coma(coma, r), rays.coma_per_depth(coma, r)].map(|v| 1e-3 * ARCSEC_PER_RAD * v)
+    [rays.tangent_per_coma[coma], rays.coma_per_depth[coma]].map(|table| 1e-3 * ARCSEC_PER_RAD * table.at(r))
 }
 
 /// Coma that grows with the field, um at half the camera's width: a form for each of the comas that were traced, since
 /// bright cores do not move in proportion to it. Each has further columns for lenses that are not quite those of the
 /// design: the next coma's, and that of another focus.
-fn steady_coma(data: &Dataset, rays: DisplayRays) -> Vec<Variant<'_>> {
+fn steady_coma(data: &Dataset, rays: ComaRays) -> Vec<Variant<'_>> {
     let (x, y) = xy(data);
     let values = |coma: usize| -> (Vec<f64>, Vec<f64>) {
         let at = |i: usize| coma_at(data, &rays, coma, DVec2::new(x[i], y[i]));
@@ -104,7 +114,7 @@ fn steady_coma(data: &Dataset, rays: DisplayRays) -> Vec<Variant<'_>> {
 }
 
 /// What lenses that are off make of a coma: its field about another point along x, y, and with a focus that is tilted.
-pub(super) fn coma_beside(data: &Dataset, rays: &DisplayRays, coma_um: f64) -> Vec<Vec<f64>> {
+pub(super) fn coma_beside(data: &Dataset, rays: &ComaRays, coma_um: f64) -> Vec<Vec<f64>> {
     /// Half a step, in halves of the camera's width.
     const STEP: f64 = 0.01;
     let (x, y) = xy(data);
@@ -125,15 +135,15 @@ pub(super) fn coma_beside(data: &Dataset, rays: &DisplayRays, coma_um: f64) -> V
 }
 
 /// Coma that is the same all over the field, along the camera's axes: Q c + (P - Q) (c . e) e on the radius e.
-fn steady_shift(data: &Dataset, rays: DisplayRays) -> Vec<Variant<'_>> {
+fn steady_shift(data: &Dataset, rays: ComaRays) -> Vec<Variant<'_>> {
     let (x, y) = xy(data);
     let term = |name: &str, axis: DVec2| {
         Term::new(name, move |i| {
             let coma = DVec2::from_angle(data.roll_rad[data.mounting[i]]).rotate(axis);
             let place = DVec2::new(x[i], y[i]);
-            let [along, across] = rays
-                .tangent_per_even_coma(data.half_tan * place.length())
-                .map(|per_mm| 1e-3 * ARCSEC_PER_RAD * per_mm);
+            let r = data.half_tan * place.length();
+            let [along, across] =
+                rays.tangent_per_even_coma.map(|per_mm| 1e-3 * ARCSEC_PER_RAD * per_mm.at(r));
             let radius = place.normalize_or_zero();
             (across * coma + (along - across) * coma.dot(radius) * radius).to_array()
         })
@@ -147,9 +157,11 @@ fn steady_shift(data: &Dataset, rays: DisplayRays) -> Vec<Variant<'_>> {
 fn with_steady<'a>(
     data: &'a Dataset,
     in_light: Result<Vec<Variant<'a>>, String>,
-    steady: fn(&'a Dataset, DisplayRays) -> Vec<Variant<'a>>,
+    steady: fn(&'a Dataset, ComaRays) -> Vec<Variant<'a>>,
 ) -> Result<Vec<Variant<'a>>, String> {
-    let (Some(rays), Some(_)) = (data.display, &data.held) else { return in_light };
+    let (Some(rays), Some(_)) = (data.display.and_then(|rays| rays.coma), &data.held) else {
+        return in_light;
+    };
     let mut forms = in_light.unwrap_or_default();
     forms.extend(steady(data, rays));
     Ok(forms)

@@ -78,7 +78,9 @@ fn points(data: &Dataset, effect: PointsEffect, shape: &[(&'static str, f64)]) -
     match effect {
         // Radial, of lenses as they are, and along one axis, of sub-pixels side by side, whose spots coma moves one by
         // one. A tilt beside it is not its own.
-        E::FluxComa if let (Some(coma_um), Some(rays)) = (steady, &data.display) => {
+        E::FluxComa
+            if let (Some(coma_um), Some(rays)) = (steady, data.display.and_then(|rays| rays.coma)) =>
+        {
             let forms: [Placed; 6] = [
                 |x, y| [x * x + y * y, 0.0],
                 |x, y| [0.0, x * x + y * y],
@@ -87,7 +89,7 @@ fn points(data: &Dataset, effect: PointsEffect, shape: &[(&'static str, f64)]) -
                 |x, y| scaled(x, y, x.hypot(y).powi(6)),
                 |x, y| scaled(x, y, x.hypot(y).powi(8)),
             ];
-            let mut own = coma_beside(data, rays, coma_um);
+            let mut own = coma_beside(data, &rays, coma_um);
             own.extend(times(&one, &forms));
             own
         }

@@ -8,7 +8,7 @@ use retina_files::InputError;
 
 use retina_formats::{Channel, EffectId, FramesEffect, TableKind};
 
-use super::{Baseline, Covariate, Dataset, Flip, Group, RowFrame, Term};
+use super::{Baseline, Covariate, Dataset, DisplayDepth, Flip, Group, RowFrame, Term};
 use crate::pixel_noise::{Neighbours, White, white_noise};
 
 /// A named column over the pixels, DN per unit of its amplitude.
@@ -171,6 +171,7 @@ impl Dataset {
             half_tan: 1.0,
             half_height: 1.0,
             display: None,
+            display_depth: DisplayDepth::default(),
             screen_pixel_arcsec: 0.0,
             frame: pixels.measured.iter().map(|m| in_table(*m)).collect(),
             baseline: Baseline::Physical,

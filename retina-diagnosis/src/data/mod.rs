@@ -1,5 +1,6 @@
 //! Any of the tables as one kind of data: residuals of one or two components, groups, covariates.
 
+mod copies;
 mod frames;
 mod lens;
 mod phase;
@@ -133,6 +134,8 @@ pub struct Dataset {
     pub(crate) half_height: f64,
     /// What the lenses make of the display's depth, where they are known (points).
     pub(crate) display: Option<DisplayRays>,
+    /// Where the display stands, as far as that is known: the forms of its tilt and bow are those about this place.
+    pub(crate) display_depth: DisplayDepth,
     /// One pixel of the screen in arcsec (points).
     pub(crate) screen_pixel_arcsec: f64,
     /// Fixed part of the model plus y, in the table's own units: what is needed to write predictions.
@@ -151,6 +154,13 @@ pub struct Dataset {
     pub files: Vec<PathBuf>,
     /// What the user ought to know of how it was read.
     pub notes: Vec<String>,
+}
+
+/// Amplitudes of the display's tilt and bow, arcsec, each along its two axes.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct DisplayDepth {
+    pub(crate) tilt: [f64; 2],
+    pub(crate) bow: [f64; 2],
 }
 
 /// How a row's residual goes back to the table's own units.

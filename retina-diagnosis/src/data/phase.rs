@@ -7,7 +7,7 @@ use retina_files::InputError;
 use retina_formats::{Channel, PhaseTable, TableKind};
 
 use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repeated, stated};
-use super::{Covariate, Dataset, Flip, Group, RowFrame};
+use super::{Covariate, Dataset, DisplayDepth, Flip, Group, RowFrame};
 
 /// Magnitude of a Lambert sphere at a phase angle (rad, 0 to pi) relative to full:
 /// -2.5 log10 ((sin a + (pi - a) cos a) / pi) (Russell, Astrophysical Journal 43, 1916).
@@ -92,6 +92,7 @@ pub(super) fn read(_source: &Source<'_>, table: &PhaseTable) -> Result<Dataset, 
         half_tan: 1.0,
         half_height: 1.0,
         display: None,
+        display_depth: DisplayDepth::default(),
         screen_pixel_arcsec: 0.0,
         frame,
         baseline: Baseline::Physical,

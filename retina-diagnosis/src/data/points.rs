@@ -1,6 +1,5 @@
 //! `points.csv` as data: camera lines of sight against displayed ones, in the facility's frame, arcsec.
 
-use std::collections::HashMap;
 use std::sync::{Arc, OnceLock};
 
 use glam::{DMat2, DVec2};
@@ -10,60 +9,13 @@ use retina_formats::{
 };
 use retina_geometry::{ARCSEC_PER_RAD, LensModel, Pinhole};
 
-use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repeated, stated};
+use super::read::{Baseline, Source, covariates, first_file, stated};
 use crate::field::{Held, HeldModel};
 
+use super::copies::{exposures, leave_out_copies, refuse_constant, refuse_repeated};
 use super::lens::{self, FittedLens, LensProblem, Shown};
 use super::places::{Known, true_places_px};
-use super::{Covariate, Dataset, Flip, Group, RowFrame, Term};
-
-/// A point of an exposure is there once.
-fn refuse_repeated(table: &PointsTable) -> Result<(), InputError> {
-    let cells = |at: usize| {
-        let row = &table.rows[at];
-        let mut cells = vec![
-            bits_of(&table.images[row.image]),
-            bits_of(&row.series),
-            row.channel as u64,
-            u64::from(row.saturated),
-        ];
-        let [screen, camera] = [row.screen_px, row.camera_px];
-        cells.extend([screen.x, screen.y, row.digital_count, camera.x, camera.y].map(f64::to_bits));
-        cells.extend(bits([row.sigma_px, row.time_s, row.temperature_c, row.row_load]));
-        cells.extend(bits([row.exposure_s, row.flux_dn, row.camera_roll_deg, row.mounting]));
-        cells.extend(table.extra.iter().map(|column| column.values[at].to_bits()));
-        cells
-    };
-    let repeated = repeated(table.rows.len(), cells);
-    let Some(&(again, before)) = repeated.first() else { return Ok(()) };
-    let (again, before) = (&table.rows[again], &table.rows[before]);
-    let file = |row: &PointRow| table.files.get(row.file).map_or(first_file(&table.files), |file| &file.path);
-    Err(InputError::new(file(again), "the row repeats another in every cell")
-        .line(again.line)
-        .found(format!("{} such rows in all", repeated.len()))
-        .expected("each point of an exposure once")
-        .help(format!("delete the copies; the first is line {} of {}", before.line, file(before).display())))
-}
-
-/// Exposures with their rows in the table, saturated ones left out, and the number of those.
-fn exposures(table: &PointsTable) -> (Vec<(String, Vec<usize>)>, usize) {
-    let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
-    let mut of_image: HashMap<usize, usize> = HashMap::new();
-    let mut saturated = 0;
-    for (at, row) in table.rows.iter().enumerate() {
-        if row.saturated {
-            saturated += 1;
-            continue;
-        }
-        let next = groups.len();
-        let group = *of_image.entry(row.image).or_insert(next);
-        if group == next {
-            groups.push((table.images[row.image].clone(), Vec::new()));
-        }
-        groups[group].1.push(at);
-    }
-    (groups, saturated)
-}
+use super::{Covariate, Dataset, DisplayDepth, Flip, Group, RowFrame, Term};
 
 /// When the camera was mounted for a row.
 #[derive(Clone, Copy, PartialEq)]
@@ -285,8 +237,10 @@ fn made_covariates(seen: &Seen, known: &[Known]) -> Vec<Covariate> {
 
 pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, InputError> {
     refuse_repeated(table)?;
+    refuse_constant(table)?;
     let mut notes = Vec::new();
-    let (groups, saturated) = exposures(table);
+    let (mut groups, saturated) = exposures(table);
+    notes.extend(leave_out_copies(table, &mut groups));
     let order: Vec<usize> = groups.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
     if order.is_empty() {
         return Err(InputError::new(first_file(&table.files), "holds no usable points")
@@ -346,8 +300,10 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
             }
         })
         .collect();
-    let jitters = lens.is_none() || exposures_cover_the_field(&known);
-    if !jitters {
+    let covered = lens.is_none() || exposures_cover_the_field(&known);
+    // Of one point, what it has alone and what its exposure has are the same.
+    let jitters = covered && groups.len() < rows.len();
+    if !covered {
         notes.push(
             "each exposure covers a small part of the field: a common error of its own is not told from the lens and is not fitted"
                 .to_owned(),
@@ -381,6 +337,7 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
         half_tan,
         half_height: f64::from(camera.height_px) / f64::from(camera.width_px),
         display: None,
+        display_depth: DisplayDepth::default(),
         screen_pixel_arcsec: ARCSEC_PER_RAD / facility.fx_px,
         frame,
         baseline: if source.calibration.is_some() { Baseline::Similarity } else { source.baseline },

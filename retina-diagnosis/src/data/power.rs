@@ -11,7 +11,7 @@ use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repea
 use crate::field::Held;
 use crate::linear::cholesky;
 
-use super::{Covariate, Dataset, Flip, Group, RowFrame, Term};
+use super::{Covariate, Dataset, DisplayDepth, Flip, Group, RowFrame, Term};
 
 /// A series' name, or that of the setting where a row has none.
 fn group_of(row: &PowerRow) -> String {
@@ -147,6 +147,7 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
         half_tan: 1.0,
         half_height: 1.0,
         display: None,
+        display_depth: DisplayDepth::default(),
         screen_pixel_arcsec: 0.0,
         frame: (0..rows)
             .map(|i| RowFrame { measured: [measured[i], 0.0], to_table: [[scale[i], 0.0], [0.0, 0.0]] })

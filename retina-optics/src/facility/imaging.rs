@@ -273,7 +273,7 @@ impl Imaging {
                 let joiner = Joiner { launcher: &launcher, tracer: Tracer::new(&system, nm, Clipping::Off)? };
                 Chebyshev2::new(imaging.options.half_screen_mm, imaging.options.nodes, |at| {
                     let slopes = joiner.slopes(&points, at)?;
-                    Ok::<_, OpticsError>(fit.fit(&slopes).map(|c| c * pupil_radius_mm))
+                    Ok::<_, OpticsError>(fit.wavefront(&slopes, pupil_radius_mm).coefficients_mm)
                 })
             })
             .collect::<Result<_, _>>()?;

@@ -92,24 +92,36 @@ impl Imaging {
     }
 }
 
-/// The image of a point at infinity in a camera with an ideal objective and a clear round pupil, on its boresight, per
-/// square pixel: Airy's pattern in these spectral lines (nm, share).
+/// The image of a point in a camera with an ideal objective and a clear round pupil, of light that enters it with these
+/// wavefronts, one a spectral line (nm, share), per square pixel.
 ///
 /// # Errors
 /// The grid is too coarse for diffraction.
+pub fn clear_kernel(
+    waves: &[(Wavefront, SpectralLine)],
+    frame: KernelFrame,
+    grid: KernelGrid,
+) -> Result<Kernel, OpticsError> {
+    let mut sum = vec![0f64; grid.side() * grid.side()];
+    let mut passed = 0.0;
+    for (wavefront, line) in waves {
+        passed += line.1 * add_line(&mut sum, wavefront, |_| Ok(None), *line, frame, grid)?;
+    }
+    Ok(Kernel::of(grid, &sum, passed))
+}
+
+/// The image of a point at infinity on such a camera's boresight: Airy's pattern in these spectral lines.
+///
+/// # Errors
+/// As [`clear_kernel`].
 pub fn airy_kernel(
     pupil_radius_mm: f64,
     lines: &[SpectralLine],
     grid: KernelGrid,
 ) -> Result<Kernel, OpticsError> {
     let flat = Wavefront { coefficients_mm: [0.0; WAVEFRONT_TERMS], pupil_radius_mm };
-    let ahead = KernelFrame { reference: [0.0; 2], roll_rad: 0.0 };
-    let mut sum = vec![0f64; grid.side() * grid.side()];
-    let mut passed = 0.0;
-    for &line in lines {
-        passed += line.1 * add_line(&mut sum, &flat, |_| Ok(None), line, ahead, grid)?;
-    }
-    Ok(Kernel::of(grid, &sum, passed))
+    let waves: Vec<_> = lines.iter().map(|line| (flat, *line)).collect();
+    clear_kernel(&waves, KernelFrame { reference: [0.0; 2], roll_rad: 0.0 }, grid)
 }
 
 /// Adds the image in one line; returns the share that the pupil passes.

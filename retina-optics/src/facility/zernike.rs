@@ -3,6 +3,8 @@
 //! Source: R. J. Noll, "Zernike polynomials and atmospheric turbulence", J. Opt. Soc. Am. 66, 207 (1976).
 //! Here unnormalised: each polynomial is 1 at most on the disc. Piston is left out.
 
+use super::Wavefront;
+
 /// Highest radial order.
 pub(super) const DEGREE: usize = 9;
 /// Number of polynomials: all orders up to the ninth without piston.
@@ -214,17 +216,17 @@ fn factorial(n: usize) -> f64 {
     (1..=n).map(|k| k as f64).product()
 }
 
-/// Finds the wavefront from slopes at fixed points, by least squares.
+/// Finds a wavefront from its slopes at fixed points of the pupil, by least squares.
 #[derive(Debug, Clone)]
-pub(super) struct SlopeFit {
+pub struct SlopeFit {
     /// Rows: coefficient; columns: slope along x, along y of each point in turn.
     inverse: Vec<f64>,
     columns: usize,
 }
 
 impl SlopeFit {
-    /// For slopes at these points (unit disc). The points must determine all terms.
-    pub(super) fn new(points: &[[f64; 2]]) -> Self {
+    /// For slopes at these points (unit disc). The points must determine all terms: 20 on a ring, on 8 rings, do.
+    pub fn new(points: &[[f64; 2]]) -> Self {
         let columns = 2 * points.len();
         let mut design = vec![0.0; columns * WAVEFRONT_TERMS];
         for (i, &at) in points.iter().enumerate() {
@@ -252,8 +254,13 @@ impl SlopeFit {
         Self { inverse, columns }
     }
 
+    /// The wavefront of rays with these direction cosines, x and y in turn, through a pupil of this radius.
+    pub fn wavefront(&self, cosines: &[f64], pupil_radius_mm: f64) -> Wavefront {
+        Wavefront { coefficients_mm: self.fit(cosines).map(|c| c * pupil_radius_mm), pupil_radius_mm }
+    }
+
     /// Coefficients of the wavefront whose slopes (x and y in turn) these are.
-    pub(super) fn fit(&self, slopes: &[f64]) -> [f64; WAVEFRONT_TERMS] {
+    fn fit(&self, slopes: &[f64]) -> [f64; WAVEFRONT_TERMS] {
         std::array::from_fn(|k| {
             let row = &self.inverse[k * self.columns..(k + 1) * self.columns];
             row.iter().zip(slopes).map(|(a, b)| a * b).sum()
