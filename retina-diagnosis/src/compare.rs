@@ -85,7 +85,10 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
     let all = screens(&frame);
     let flips = Flips::draw(&screened.data, FLIPS, 1);
     let p = screen_p_values(&all, &flips);
-    let adjusted = adjusted(data, added);
+    let mut adjusted = adjusted(data, added);
+    if let Some(noise) = &scatter {
+        noise.weigh(&mut adjusted.data);
+    }
     let data = &adjusted.data;
     let n = data.components();
     let fit = crate::noise::robust_fit(data, &adjusted.base);

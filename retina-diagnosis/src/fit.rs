@@ -75,8 +75,12 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
     let fitted_part = data.fitted_part();
     let data = fitted_part.as_ref().unwrap_or(data);
     crate::added::check_effects(data, added)?;
-    let Adjusted { data: shifted, base, names, owner, shape, start, user_values } = adjusted(data, added);
-    let (scatter, robust) = rayon::join(|| noise(whole), || robust_fit(&shifted, &base));
+    let Adjusted { data: mut shifted, base, names, owner, shape, start, user_values } = adjusted(data, added);
+    let scatter = noise(whole);
+    if let Some(noise) = &scatter {
+        noise.weigh(&mut shifted);
+    }
+    let robust = robust_fit(&shifted, &base);
     let noise = Noise::beside(scatter, &shifted, &robust);
     let estimate = estimate(&shifted, &base, &robust.weights);
     let n = names.len();

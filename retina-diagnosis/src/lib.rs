@@ -16,6 +16,7 @@ mod data;
 mod decode;
 mod depth;
 mod diagnose;
+mod edge;
 mod effect_file;
 mod estimate;
 mod field;

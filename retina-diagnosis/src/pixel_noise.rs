@@ -46,7 +46,15 @@ pub(crate) fn noise(white: Option<&White>, fit: &RobustFit) -> Noise {
         }
         None => (left, "errors of the fit: too few pixels have all their neighbours".to_owned()),
     };
-    Noise { white, group: 0.0, structured: 0.0, source: vec![source], shared_within: false, wander: 0.0 }
+    Noise {
+        white,
+        group: 0.0,
+        structured: 0.0,
+        source: vec![source],
+        shared_within: false,
+        wander: 0.0,
+        edge: None,
+    }
 }
 
 /// A window of masks.

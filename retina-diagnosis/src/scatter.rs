@@ -12,6 +12,7 @@ use std::collections::HashMap;
 use retina_formats::TableKind;
 
 use crate::data::{Baseline, Dataset};
+use crate::edge::Edge;
 use crate::flips::Flips;
 use crate::noise::{RobustFit, Weights, robust_fit};
 use crate::pixel_noise;
@@ -51,6 +52,8 @@ pub struct Noise {
     pub(crate) shared_within: bool,
     /// Correlation of a group's common error with that of the next one in time.
     pub wander: f64,
+    /// How it grows towards the field's edge beyond what is stated (points).
+    pub(crate) edge: Option<Edge>,
 }
 
 impl Noise {
@@ -59,10 +62,18 @@ impl Noise {
         self.white.hypot(self.group)
     }
 
-    /// How the table is whitened and what is flipped follow from its noise.
+    /// How the table is weighed, whitened and what is flipped follow from its noise.
     pub(crate) fn apply(&self, data: &mut Dataset) {
+        self.weigh(data);
         data.wander = self.wander;
         data.flip = flip_of(data, self);
+    }
+
+    /// How its rows are weighed.
+    pub(crate) fn weigh(&self, data: &mut Dataset) {
+        if let Some(edge) = &self.edge {
+            data.noise_key = edge.keys(data);
+        }
     }
 
     /// The noise of a table where it is `known`, else that of the pixels; with what the fit leaves beyond it.
@@ -109,7 +120,8 @@ pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
     let weights = &fit.weights;
     let mut source = Vec::new();
     let regression = mean_square(weights);
-    let [within, between] = neighbours(data, &fit.residual, weights);
+    let [(within, _), (between, differences)] = neighbours(data, &fit.residual, weights);
+    let edge = differences.and_then(|(pairs, squares)| Edge::of(data, weights, &pairs, &squares));
     let jitter2 = weights.jitter_variance;
     let (white2, group2) = match (within, between) {
         (Some(within), Some(between)) => {
@@ -151,7 +163,15 @@ pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
     if let Some(stated) = stated(data, weights) {
         source.push(format!("the table states {stated:.4} {}", data.kind.unit()));
     }
-    Some(Noise { white: white2.sqrt(), group: group2.sqrt(), structured: 0.0, source, shared_within, wander })
+    Some(Noise {
+        white: white2.sqrt(),
+        group: group2.sqrt(),
+        structured: 0.0,
+        source,
+        shared_within,
+        wander,
+        edge,
+    })
 }
 
 /// What the table states on the rows that count: root of the mean variance.
@@ -231,8 +251,15 @@ struct Difference {
     pairs: usize,
 }
 
+/// Pairs of rows, and the mean squares of their differences over those that the weights expect.
+type Differences = (Vec<(usize, usize)>, Vec<f64>);
+
 /// Neighbours of one group, and of different groups.
-fn neighbours(data: &Dataset, residual: &[f64], weights: &Weights) -> [Option<Difference>; 2] {
+fn neighbours(
+    data: &Dataset,
+    residual: &[f64],
+    weights: &Weights,
+) -> [(Option<Difference>, Option<Differences>); 2] {
     let n = data.components();
     let mut group_of = vec![0; data.len()];
     let mut level = vec![[0.0; 2]; data.groups.len()];
@@ -249,7 +276,7 @@ fn neighbours(data: &Dataset, residual: &[f64], weights: &Weights) -> [Option<Di
     let pairs = if n == 2 { in_field(data, &rows, &group_of) } else { in_order(data, &rows, &group_of) };
     pairs.map(|pairs| {
         if pairs.len() < FEWEST_PAIRS {
-            return None;
+            return (None, None);
         }
         let squares: Vec<f64> = pairs
             .iter()
@@ -265,7 +292,8 @@ fn neighbours(data: &Dataset, residual: &[f64], weights: &Weights) -> [Option<Di
         let count = squares.len() as f64;
         let ratio = squares.iter().sum::<f64>() / count;
         let scatter = squares.iter().map(|s| (s - ratio).powi(2)).sum::<f64>() / (count - 1.0);
-        Some(Difference { ratio, error: (scatter / count).sqrt(), pairs: pairs.len() })
+        let difference = Difference { ratio, error: (scatter / count).sqrt(), pairs: pairs.len() };
+        (Some(difference), (n == 2).then_some((pairs, squares)))
     })
 }
 
