@@ -280,6 +280,26 @@ fn intervals_cover_the_truth() {
     assert!(held as f64 >= 0.85 * all as f64 && held as f64 <= 0.95 * all as f64, "{held} of {all}");
 }
 
+/// Noise that grows outwards, of which no column says anything: amplitudes of forms that grow outwards scatter by what is
+/// stated of them (1.3 times as much where rows are weighed by their light alone).
+#[test]
+fn sigmas_hold_where_noise_grows_to_the_edge() {
+    let (mut squares, mut count) = (0.0, 0.0);
+    for seed in 0..40 {
+        let campaign = Campaign { edge: 1.5, rows: 1600, ..Campaign::new(700 + seed) };
+        let data = campaign.data(&setup(), &|p| p.r);
+        let effect = AddedEffect::read("screen_bow", &data).unwrap();
+        for p in fit(&data, &[effect]).unwrap().parameters.iter().filter(|p| p.name.starts_with("screen_bow"))
+        {
+            squares += (p.value / p.sigma.unwrap()).powi(2);
+            count += 1.0;
+        }
+    }
+    let rms = (squares / count).sqrt();
+    println!("{rms}");
+    assert!((0.8..1.2).contains(&rms), "{rms}");
+}
+
 /// The same seed gives the same bits, whatever the number of threads.
 #[test]
 fn threads_change_no_bit() {
@@ -303,15 +323,16 @@ fn exposures_that_share_a_shift_are_no_outliers() {
             p.r + shift * ARCSEC
         });
         let found = diagnose(&data, &[], &DiagnoseOptions { flips: 499, seed: 1 });
-        assert_eq!(found.accepted, ["knock"], "{seed}: {} outliers", found.outliers);
+        // Seed 92 gives a false alarm in time, with the shifts and without.
+        let plain = Campaign::new(90 + seed).data(&setup(), &|p| p.r);
+        let plain = diagnose(&plain, &[], &DiagnoseOptions { flips: 499, seed: 1 });
+        let accepted = (found.accepted[0], found.accepted.len());
+        assert_eq!(accepted, ("knock", 1 + plain.accepted.len()), "{seed}: {:?}", found.accepted);
         let bumped = Campaign::new(90 + seed).data(&setup(), &|p| {
             let shift = if [11, 30].contains(&p.exposure) { DVec2::new(60.0, -80.0) } else { DVec2::ZERO };
             p.r + shift * ARCSEC
         });
         let found = diagnose(&bumped, &[], &DiagnoseOptions { flips: 499, seed: 1 });
-        // Seed 92 gives a false alarm, with them and without.
-        let plain = Campaign::new(90 + seed).data(&setup(), &|p| p.r);
-        let plain = diagnose(&plain, &[], &DiagnoseOptions { flips: 499, seed: 1 });
         assert_eq!(found.accepted, plain.accepted, "{seed}");
         let said = found.notes.iter().any(|note| note.contains("2 exposures are outliers: e011, e030"));
         assert!(said, "{:?}", found.notes);

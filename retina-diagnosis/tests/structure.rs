@@ -7,7 +7,7 @@ mod common;
 use common::{ARCSEC, Campaign, Point, setup};
 use glam::DVec2;
 use retina_diagnosis::{AddedEffect, DiagnoseOptions, Diagnosis, Verdict, compare, diagnose, fit};
-use retina_geometry::{DisplayRays, RADIAL_KNOTS, RadialTable};
+use retina_geometry::{DEPTHS_MM, DisplayRays, RADIAL_KNOTS, RadialTable};
 
 const OPTIONS: DiagnoseOptions = DiagnoseOptions { flips: 999, seed: 1 };
 
@@ -120,4 +120,25 @@ fn a_tilt_comes_in_degrees_with_its_side() {
         _ => "turn the camera's boresight by x -0.2",
     };
     assert!(tilt.remedy.contains(back), "{tilt:?}");
+}
+
+/// A display so far from flat that lenses do not move its image in proportion: the sag is that of the bench, and nothing
+/// is left that looks like another effect.
+#[test]
+fn a_deep_bow_is_traced_at_its_depth() {
+    let gain = |z: f64| -0.02 + 0.06 * z - 0.3 * z * z;
+    let per_depth = DEPTHS_MM.map(|z| RadialTable { half_tan: 1.0, values: [gain(z); RADIAL_KNOTS] });
+    let lens = DisplayRays { height_mm: [50.0, 0.0, 0.0], per_depth, coma: None };
+    let camera = setup().camera_pinhole();
+    let half_tan = 0.5 * f64::from(camera.width_px) / camera.fx_px;
+    let data = Campaign::new(12).data(&setup(), &|p: &Point| {
+        let at = p.r / half_tan;
+        let z = 0.08 * (at.x * at.x - at.y * at.y);
+        p.r * (1.0 + gain(z) * z)
+    });
+    let found = diagnose(&data.with_display_rays(lens), &[], &OPTIONS);
+    assert_eq!(found.accepted, ["screen_bow"], "{:?}", found.unexplained.covariates);
+    let bow = found.physical[0].as_ref().unwrap();
+    // In proportion it would be 75.7 um. Distortion (2 % here) is not in this display's place.
+    assert!(bow.unit == "um" && (bow.value - 80.0).abs() < 2.0, "{bow:?}");
 }

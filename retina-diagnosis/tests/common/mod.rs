@@ -40,6 +40,8 @@ pub(crate) struct Campaign {
     pub(crate) exposures: usize,
     pub(crate) noise_arcsec: f64,
     pub(crate) jitter_arcsec: f64,
+    /// Noise grows by this much of itself to the middle of the left and right edge, with the square of the distance.
+    pub(crate) edge: f64,
     pub(crate) outliers: f64,
     pub(crate) colours: bool,
     pub(crate) seed: u64,
@@ -52,6 +54,7 @@ impl Campaign {
             exposures: 40,
             noise_arcsec: 1.5,
             jitter_arcsec: 0.45,
+            edge: 0.0,
             outliers: 0.02,
             colours: false,
             seed,
@@ -100,8 +103,10 @@ impl Campaign {
                 };
                 let mut seen = effect(&point);
                 let faint = 1.0 + 0.3 * (255.0 / count - 1.0).min(8.0) / 8.0;
-                let mut off =
-                    DVec2::new(normal(&mut random), normal(&mut random)) * self.noise_arcsec * faint;
+                let half_width = 0.5 * f64::from(camera.width_px) / camera.fx_px;
+                let outwards = 1.0 + self.edge * (u / half_width).length_squared();
+                let mut off = DVec2::new(normal(&mut random), normal(&mut random))
+                    * (self.noise_arcsec * faint * outwards);
                 if random.random_range(0.0..1.0) < self.outliers {
                     off += DVec2::from_angle(random.random_range(0.0..std::f64::consts::TAU))
                         * random.random_range(15.0..200.0);
