@@ -67,7 +67,7 @@ pub fn decide_pairs(
     seed: u64,
     progress: impl Fn(usize, usize, f64) + Sync,
 ) -> Result<String, InputError> {
-    let setup = Setup::read(setup)?;
+    let setup = Setup::named(setup, Path::new(""))?;
     let mut open = Vec::new();
     for class in CLASSES {
         for hidden in class {

@@ -50,7 +50,7 @@ pub fn investigate_sets(
     setup: &Path,
     progress: impl Fn(usize, usize, f64) + Sync,
 ) -> Result<(), InputError> {
-    let setup = Setup::read(setup)?;
+    let setup = Setup::named(setup, Path::new(""))?;
     let path = folder.join("investigated.jsonl");
     let before: Vec<Investigated> = if path.exists() { lines(&path)? } else { Vec::new() };
     let done: HashSet<usize> = before.iter().map(|f| f.set).collect();

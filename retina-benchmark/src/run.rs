@@ -76,7 +76,7 @@ pub fn run(
     setup: &Path,
     progress: impl Fn(usize, usize, f64) + Sync,
 ) -> Result<(), InputError> {
-    let setup = Setup::read(setup)?;
+    let setup = Setup::named(setup, Path::new(""))?;
     let path = folder.join("results.jsonl");
     let before = finished(folder)?;
     // Half a line is written anew.

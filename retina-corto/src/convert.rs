@@ -50,8 +50,9 @@ impl Scenario {
                 )
             }
             Shown::Facility { setup: file, compensation } => {
-                let setup = Setup::read(file)?;
-                inputs.push(SceneInput { role: "setup".into(), hash: hash_file(file)? });
+                let setup = Setup::named(file, Path::new(""))?;
+                let hash = setup.hash_of_named(file, Path::new(""))?;
+                inputs.push(SceneInput { role: "setup".into(), hash });
                 let calibration = calibration(file, &setup, *compensation, &mut inputs)?;
                 notes.push(
                     "the setup takes the place of the scene's camera: fov, resolution, exposure, sensor, bits and view \

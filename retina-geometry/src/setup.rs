@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use retina_files::{InputError, parse_schema, read_text};
+use retina_assets::SETUPS;
+use retina_files::{InputError, hash_bytes, hash_file, parse_schema, read_text};
 use serde::Deserialize;
 
 use crate::{NoiseSetup, OpticsSetup, Pinhole, ScreenLimits};
@@ -151,6 +152,37 @@ impl Setup {
     /// The file cannot be read, holds an unknown key, or a value out of range.
     pub fn read(path: &Path) -> Result<Self, InputError> {
         Self::parse(&read_text(path)?, path)
+    }
+
+    /// A setup that ships, by its name; without its calibration, which is a file.
+    pub fn shipped(name: &Path) -> Option<Self> {
+        let (name, text) = SETUPS.into_iter().find(|(own, _)| Path::new(own) == name)?;
+        let mut setup = Self::parse(text, Path::new(&format!("{name}.toml"))).ok()?;
+        setup.calibration.file = None;
+        Some(setup)
+    }
+
+    /// Reads the setup that a file in `folder` or a command names: a file, or one that ships where no file has that name.
+    ///
+    /// # Errors
+    /// As [`Setup::read`].
+    pub fn named(name: &Path, folder: &Path) -> Result<Self, InputError> {
+        let file = folder.join(name);
+        let shipped = if file.is_file() { None } else { Self::shipped(name) };
+        shipped.map_or_else(|| Self::read(&file), Ok).map_err(|error| {
+            let names = SETUPS.map(|(name, _)| name);
+            let is_name = !file.exists() && name.extension().is_none() && name.components().count() == 1;
+            if is_name { error.help(format!("setups that ship: {}", names.join(", "))) } else { error }
+        })
+    }
+
+    /// Hash of what [`Setup::named`] read: of the file's bytes, else of what ships.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn hash_of_named(&self, name: &Path, folder: &Path) -> Result<String, InputError> {
+        let file = folder.join(name);
+        if file.is_file() { hash_file(&file) } else { Ok(hash_bytes(format!("{self:?}").as_bytes())) }
     }
 
     /// As [`Setup::read`], from text; `path` names it in errors, and paths in it are relative to `path`.
@@ -345,5 +377,22 @@ mod tests {
             assert!(error.contains(said), "{error}");
         }
         std::fs::remove_file(&path).unwrap();
+    }
+
+    /// A name stands for what ships, but a file of that name comes first; a name that is neither is told those there are.
+    #[test]
+    fn a_setup_that_ships_is_known_by_its_name() {
+        let folder = std::env::temp_dir().join(format!("retina-named-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let shipped = Setup::named(Path::new("wide-fov"), &folder).unwrap();
+        assert!(shipped.name == "wide-fov" && shipped.calibration_path().is_none());
+        let error = Setup::named(Path::new("wide-fow"), &folder).unwrap_err();
+        assert!(format!("{error:?}").contains("wide-fov, narrow-fov"), "{error:?}");
+        std::fs::write(folder.join("wide-fov"), retina_assets::NARROW_FOV_SETUP).unwrap();
+        let own = Setup::named(Path::new("wide-fov"), &folder).unwrap();
+        assert_eq!(own.name, "narrow-fov");
+        let hash = |setup: &Setup, name: &str| setup.hash_of_named(Path::new(name), &folder).unwrap();
+        assert_ne!(hash(&own, "wide-fov"), hash(&shipped, "narrow-fov"));
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 }

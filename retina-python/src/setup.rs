@@ -32,12 +32,7 @@ impl PySetup {
     /// A setup that ships; `None` where there is none of this name. The calibration that it names is not in the package.
     #[staticmethod]
     fn shipped(name: &str) -> PyResult<Option<Self>> {
-        let Some((_, text)) = retina::assets::SETUPS.into_iter().find(|(own, _)| *own == name) else {
-            return Ok(None);
-        };
-        let mut setup = Setup::parse(text, format!("{name}.toml").as_ref()).map_err(Failure::from)?;
-        setup.calibration.file = None;
-        Ok(Some(Self { setup: Arc::new(setup) }))
+        Ok(Setup::shipped(name.as_ref()).map(|setup| Self { setup: Arc::new(setup) }))
     }
 
     /// Everything that the setup states, by name.

@@ -68,9 +68,10 @@ impl Scene {
                 setup
             }
             None => {
-                let setup_file = folder.join(&file.setup);
-                let setup = Setup::read(&setup_file).map_err(|error| error.named_by(path, "setup"))?;
-                input("setup".into(), hash_file(&setup_file)?);
+                let setup =
+                    Setup::named(&file.setup, folder).map_err(|error| error.named_by(path, "setup"))?;
+                let hash = setup.hash_of_named(&file.setup, folder)?;
+                input("setup".into(), hash);
                 setup
             }
         };

@@ -258,8 +258,7 @@ impl Scenario {
             transfer.images = images;
         }
         let folder = path.parent().unwrap_or(Path::new(""));
-        let setup_path = folder.join(&file.setup);
-        let setup = Setup::read(&setup_path).map_err(|error| error.named_by(path, "setup"))?;
+        let setup = Setup::named(&file.setup, folder).map_err(|error| error.named_by(path, "setup"))?;
         let own = || file.calibration.as_ref().map(|own| folder.join(own));
         let calibration_path = choice.calibration.clone().or_else(own).or_else(|| setup.calibration_path());
         let of_transfer = file.transfer.as_ref().and_then(|transfer| transfer.images.taken());
@@ -293,7 +292,7 @@ impl Scenario {
                 })?;
             }
         }
-        let setup_text = read_text(&setup_path)?;
+        let setup_hash = setup.hash_of_named(&file.setup, folder)?;
         let calibration_text = match (&calibration, &calibration_path) {
             (Some(_), Some(own)) => read_text(own)?,
             _ => String::new(),
@@ -301,7 +300,7 @@ impl Scenario {
         let hash = |images: Images, decides: String| {
             let calibration = if images == Images::Bench { calibration_text.as_str() } else { "" };
             let kernels = ephemeris.kernel_files().iter().map(|kernel| kernel.hash.as_str());
-            let all = [decides.as_str(), &setup_text, calibration].into_iter().chain(kernels);
+            let all = [decides.as_str(), &setup_hash, calibration].into_iter().chain(kernels);
             hash_bytes(all.collect::<String>().as_bytes())
         };
         // What is shown and how it is measured; the number of poses and the transfer change no pose.

@@ -150,7 +150,7 @@ impl Source {
             ImageKind::Camera => check_screens(&choice, &folder, &mut notes)?,
             ImageKind::Screen => None,
         };
-        let setup = choice.setup.as_ref().map(|path| Setup::read(path)).transpose()?;
+        let setup = choice.setup.as_ref().map(|path| Setup::named(path, Path::new(""))).transpose()?;
         let (camera, calibration) = camera(&choice, kind, &truth, setup.as_ref(), &mut notes)?;
         let (light, full_w_m2_nm) = match kind {
             ImageKind::Screen => linear_light(&choice, setup.as_ref(), calibration.as_deref(), &mut notes)?,

@@ -14,7 +14,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use axum::Router;
 use axum::http::{HeaderName, HeaderValue};
 use axum::response::{IntoResponse as _, Response};
-use retina_assets::SETUPS;
 use retina_files::{InputError, read_text};
 use retina_geometry::Setup;
 use serde::Deserialize;
@@ -52,8 +51,8 @@ fn locked<T>(held: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// The setup that the page names: one that ships, or a file of the given paths.
 fn setup_of(app: &App, named: &str) -> Result<Setup, Refusal> {
-    match SETUPS.iter().find(|(name, _)| *name == named) {
-        Some((name, text)) => Ok(Setup::parse(text, Path::new(name))?),
+    match Setup::shipped(Path::new(named)) {
+        Some(setup) => Ok(setup),
         None => Ok(Setup::read(&app.path(named)?)?),
     }
 }

@@ -69,10 +69,8 @@ impl Company {
 
     /// The setup of a name: among the files, else one that ships.
     fn setup(&self, name: &str) -> Option<Setup> {
-        self.setups.iter().find(|setup| setup.name == name).cloned().or_else(|| {
-            let (name, text) = retina_assets::SETUPS.into_iter().find(|(own, _)| *own == name)?;
-            Setup::parse(text, Path::new(name)).ok()
-        })
+        let own = self.setups.iter().find(|setup| setup.name == name).cloned();
+        own.or_else(|| Setup::shipped(Path::new(name)))
     }
 }
 
@@ -87,6 +85,9 @@ fn extension(path: &Path) -> String {
 pub fn check(path: &Path, company: &Company) -> Result<Checked, InputError> {
     if path.is_dir() {
         return folder(path);
+    }
+    if let Some(setup) = Setup::shipped(path).filter(|_| !path.exists()) {
+        return Ok(toml_file::setup(&setup)?.says("it ships: commands and scenes take its name"));
     }
     match extension(path).as_str() {
         "toml" => toml_file::check_toml(path, company),

@@ -86,7 +86,7 @@ pub(super) fn check_toml(path: &Path, company: &Company) -> Result<Checked, Inpu
     }
 }
 
-fn setup(setup: &Setup) -> Result<Checked, InputError> {
+pub(super) fn setup(setup: &Setup) -> Result<Checked, InputError> {
     let k_f = setup.facility_pinhole();
     let (screen, camera) = (&setup.screen, &setup.camera);
     let field = |pixels: u32| {
