@@ -322,17 +322,10 @@ fn depth_moves_spots_as_the_workbench_has_it() {
             let r = tangent(still.1);
             let measured = (tangent(deep.1) - r) / (r * depth_mm);
             let expected = rays.tangent_per_depth(r, depth_mm);
-            println!(
-                "P {depth_mm} {r:.4} {:.5} {:.5} {:.5}",
-                measured,
-                expected,
-                rays.tangent_per_depth(r, 0.0)
-            );
             off += (r * (measured - expected)).powi(2);
             all += (r * measured).powi(2);
         }
         let part = (off / all).sqrt();
-        println!("{part:.4}");
         assert!(part < limit, "{depth_mm} mm: {part}");
     }
 }

@@ -22,7 +22,7 @@ const RINGS: usize = 9;
 const ARMS: usize = 22;
 /// Samples of an image a pixel, and how far it reaches, px.
 const PER_PX: usize = 4;
-const HALF_PX: usize = 14;
+const HALF_PX: usize = 10;
 /// Step of a line of sight for its derivatives, tangents.
 const STEP: f64 = 1e-4;
 
