@@ -9,6 +9,7 @@ use crate::scatter::{Noise, noise};
 use crate::score::Frame;
 use crate::screens::{screen_p_values, screens};
 use crate::search::MOST_ROWS;
+use crate::together::Together;
 use retina_formats::TableKind;
 
 /// Percentiles that are reported.
@@ -93,6 +94,7 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
     let n = data.components();
     let fit = crate::noise::robust_fit(data, &adjusted.base);
     notes.extend(crate::noise::lost_groups(data, &fit.weights));
+    notes.extend(Together::of(data, &fit.residual, &fit.weights).map(|together| together.note()));
     let total: f64 = frame.error.iter().map(|e| e * e).sum();
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|&a, &b| {

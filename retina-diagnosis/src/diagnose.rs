@@ -22,6 +22,7 @@ use crate::search::{
 use crate::series::Outlying;
 use crate::step::Step;
 use crate::sufficient::{note_of_runs, too_little};
+use crate::together::Together;
 use crate::unexplained::{Unexplained, unexplained};
 use crate::verdict::{Findings, Verdict, too_many_outliers};
 
@@ -166,9 +167,18 @@ fn search(
         found.take_out(idle, &baseline);
     };
     let noise = Noise::beside(scatter, data, &fit);
-    let frame = Frame::weighted(data, &found.base, fit.weights);
+    let frame = Frame::weighted(data, &found.base, fit.weights.clone());
     let levels = [found.level(LEVEL_FIRST[1], LEVEL_LATER[1]), LEVEL_LATER[1]];
-    let unexplained = unexplained(&frame, levels, FLOOR_NOISE, &flips);
+    let mut unexplained = unexplained(&frame, levels, FLOOR_NOISE, &flips);
+    let together = Together::of(data, &fit.residual, &frame.weights);
+    if let Some(together) = together {
+        notes.push(together.note());
+        for name in ["x", "y"] {
+            if !unexplained.covariates.iter().any(|known| known == name) {
+                unexplained.covariates.push(name.to_owned());
+            }
+        }
+    }
     let outliers = frame.weights.outlier.iter().filter(|out| **out).count();
     let insufficient = too_little(data, &noise, &frame.weights);
     let verdict = Verdict::of(Findings {

@@ -27,7 +27,17 @@ pub fn headline(data: &Dataset, result: &Diagnosis) -> String {
                 .map_or_else(String::new, |[wavelength, amplitude]| {
                     format!("; a ripple of {amplitude:.2} {unit} and {wavelength:.0} px would have been seen")
                 });
-            format!("No effect and no structure beyond the noise of {:.3} {unit}{seen}", result.noise.floor())
+            let weak = result.unexplained.weak.as_ref().map_or_else(String::new, |weak| {
+                format!(
+                    "; a fixed pattern in {} is there, {:.2} of the noise, too weak to count",
+                    weak.covariates.join(", "),
+                    weak.strength
+                )
+            });
+            format!(
+                "No effect and no structure beyond the noise of {:.3} {unit}{seen}{weak}",
+                result.noise.floor()
+            )
         }
         Verdict::Undecided => "Nothing was found, and these data cannot say that nothing is there".to_owned(),
         Verdict::Named | Verdict::Confounded => format!("{found}; nothing else is left beyond noise"),

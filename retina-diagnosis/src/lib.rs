@@ -47,6 +47,7 @@ mod search;
 mod series;
 mod step;
 mod sufficient;
+mod together;
 mod uncertainty;
 mod unexplained;
 mod units;

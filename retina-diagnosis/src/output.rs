@@ -179,7 +179,7 @@ pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
     out.splice(0..0, warning_lines(data, result.outliers));
     let cells: Vec<String> =
         PERCENTILES.iter().zip(result.percentiles).map(|(p, v)| format!("{p} %: {v:.3}")).collect();
-    out.push(format!("errors within ({unit}, unweighted)  {}", cells.join("  ")));
+    out.push(format!("errors within ({unit}, unweighted, outliers left out)  {}", cells.join("  ")));
     let seen = worth_telling(&result.dependence);
     if seen.is_empty() {
         out.push("no screen finds a column that the errors depend on".to_owned());
@@ -237,12 +237,11 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
     if let Some(next) = &result.next {
         let gain =
             next.expected_sigma.map_or_else(String::new, |s| format!(", would differ by {s:.1} sigma"));
-        out.push(format!(
-            "measure next: {} ({}), separates {}{gain}",
-            next.action,
-            next.value,
-            next.separates.join(", ")
-        ));
+        let separates = match next.separates.as_slice() {
+            [] => String::new(),
+            effects => format!(", separates {}", effects.join(", ")),
+        };
+        out.push(format!("measure next: {} ({}){separates}{gain}", next.action, next.value));
     }
     out.push("effect                  p        held out   parameters".to_owned());
     for c in &result.candidates {

@@ -91,6 +91,13 @@ fn of_points(
         (high > low).then_some((high - low) / 3600.0)
     };
     let shape = |name: &str| parameters.iter().find(|p| p.name.ends_with(name)).map(|p| p.value);
+    // What follows the logged temperature late must not be corrected by that itself.
+    let lag = || match shape("tau_s") {
+        Some(tau_s) if tau_s > 0.0 => {
+            format!(" of the temperature as the bench follows it, late by {tau_s:.0} s (first order)")
+        }
+        _ => String::new(),
+    };
     match effect {
         E::ScreenTilt => {
             // A pinhole's display that is turned away on its +x side shows a smaller x there: its gain is -1.
@@ -153,7 +160,8 @@ fn of_points(
         E::ThermalBoresight => {
             let along = Along::of(parameters, 1.0)?;
             let remedy = format!(
-                "hold the temperature, or correct the boresight by minus this per kelvin: {}",
+                "hold the temperature, or correct the boresight by minus this per kelvin{}: {}",
+                lag(),
                 along.text("arcsec/K")
             );
             made("boresight_per_kelvin", along.size(), "arcsec/K", remedy)
@@ -162,7 +170,7 @@ fn of_points(
             "focal_length_per_kelvin",
             one(1e6 / ARCSEC_PER_RAD / w)?,
             "ppm/K",
-            "hold the temperature, or scale K_f with it by minus this".to_owned(),
+            format!("hold the temperature, or scale K_f by minus this per kelvin{}", lag()),
         ),
         E::Drift => {
             let power = shape("power_of_t").unwrap_or(1.0);

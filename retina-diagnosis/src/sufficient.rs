@@ -8,6 +8,8 @@ use crate::units::{FEW_GROUPS, Units};
 
 /// Fewer parts than this can be flipped in too few ways for any p-value to be small.
 const FEWEST_UNITS: usize = 8;
+/// Fewer groups than this do not say how their own errors go on in time.
+const GROUPS_IN_TIME: usize = 12;
 /// Errors that are this many times what the table states are not noise, whatever else is not found.
 const BEYOND_STATED: f64 = 3.0;
 
@@ -38,6 +40,16 @@ pub(crate) fn too_little(
         } else {
             format!("{} rows in {groups} group(s) are too few to show an effect", data.len())
         };
+        return Some((why, repeat));
+    }
+    if data.jitters && groups < GROUPS_IN_TIME && noise.group > noise.white {
+        let why = format!(
+            "{group}s differ by {:.3} {unit}, more than their rows ({:.3}): {groups} of them do not tell a mount that moves from a knock or a drift",
+            noise.group,
+            noise.white,
+            group = group.trim_end_matches('s'),
+            unit = data.kind.unit()
+        );
         return Some((why, repeat));
     }
     if let Some(stated) = stated(data, weights)

@@ -91,6 +91,27 @@ fn a_camera_coordinate_that_is_constant_is_refused() {
     assert!(told.contains("the same in all rows") && told.contains("column `camera_y_px`"), "{told}");
 }
 
+/// In other units, mirrored, halved, shown beside the screen: refused or said. A camera that is turned is none of these.
+#[test]
+fn places_that_cannot_be_are_told() {
+    let text = campaign(10).table(&setup(), &nothing);
+    let scaled = |text: &str, column: &str, by: f64, plus: f64| {
+        with_column(text, column, |c| (c.parse::<f64>().unwrap() * by + plus).to_string())
+    };
+    let both = |by: f64| scaled(&scaled(&text, "camera_x_px", by, 0.0), "camera_y_px", by, 0.0);
+    let told = format!("{:?}", read(&both(3.45e-3)).unwrap_err());
+    assert!(told.contains("do not follow the screen's") && told.contains("millimetres"), "{told}");
+    let notes = |text: &str| read(text).unwrap().notes.join("; ");
+    assert!(notes(&both(0.5)).contains("0.503 times as wide"), "{}", notes(&both(0.5)));
+    assert!(notes(&scaled(&text, "camera_x_px", -1.0, 2048.0)).contains("mirrored"));
+    assert!(notes(&scaled(&text, "screen_x_px", 1.0, 1500.0)).contains("off the screen"));
+    let turned = scaled(&scaled(&text, "camera_x_px", -1.0, 2048.0), "camera_y_px", -1.0, 1536.0);
+    for plain in [&text, &turned] {
+        let said = notes(plain);
+        assert!(!["times as wide", "mirrored", "off the"].iter().any(|word| said.contains(word)), "{said}");
+    }
+}
+
 /// The noise of copies is none, and whatever they have in common is significant.
 #[test]
 fn copies_of_an_exposure_are_left_out_and_said() {

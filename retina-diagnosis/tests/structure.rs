@@ -142,3 +142,23 @@ fn a_deep_bow_is_traced_at_its_depth() {
     // In proportion it would be 75.7 um. Distortion (2 % here) is not in this display's place.
     assert!(bow.unit == "um" && (bow.value - 80.0).abs() < 2.0, "{bow:?}");
 }
+
+/// A dent so deep that all its rows are outliers, and as many outliers that have nothing to do with each other.
+#[test]
+fn outliers_that_lie_together_are_no_accidents() {
+    let camera = setup().camera_pinhole();
+    let half_tan = 0.5 * f64::from(camera.width_px) / camera.fx_px;
+    let dent = |p: &Point| {
+        let at = p.r / half_tan;
+        let depth = (at.x + at.y - 1.2).max(0.0);
+        p.r + 400.0 * depth * ARCSEC * DVec2::new(1.0, 0.5)
+    };
+    let found = diagnose(&Campaign::new(14).data(&setup(), &dent), &[], &OPTIONS);
+    assert_eq!(found.verdict, Verdict::Unknown, "{:?}", found.accepted);
+    assert!(found.unexplained.covariates.contains(&"x".to_owned()), "{:?}", found.unexplained);
+    assert!(found.notes.iter().any(|note| note.contains("outliers lie together")), "{:?}", found.notes);
+    let scattered = Campaign { outliers: 0.08, ..Campaign::new(15) };
+    let found = diagnose(&scattered.data(&setup(), &|p| p.r), &[], &OPTIONS);
+    assert!(!found.notes.iter().any(|note| note.contains("together")), "{:?}", found.notes);
+    assert_eq!(found.verdict, Verdict::Adequate, "{:?} {:?}", found.unexplained, found.outliers);
+}

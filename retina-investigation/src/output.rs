@@ -49,7 +49,8 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
     let unit = data.kind.unit();
     let mut out = vec![headline(result), String::new()];
     if !result.known.is_empty() {
-        out.push(format!("known effects that were found beside it: {}", result.known.join(", ")));
+        let beside = if result.terms.is_empty() { "" } else { " beside it" };
+        out.push(format!("known effects that were found{beside}: {}", result.known.join(", ")));
     }
     for term in &result.terms {
         out.push(format!("{}: depends on {}", term.name, term.covariates.join(", ")));

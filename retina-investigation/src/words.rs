@@ -118,7 +118,7 @@ fn direction(form: &Form, amplitudes: &[f64], unit: &str) -> String {
             format!("It is a value of each reading, of {size:.3} {unit} where its laws are 1.")
         }
         Direction::Fixed => {
-            format!("It shifts all points of an exposure with the same settings alike{}.", angle())
+            format!("It shifts points in one and the same direction all over the field{}.", angle())
         }
         Direction::FixedInCamera => {
             format!("It shifts points the same way in axes that turn with the camera{}.", angle())
@@ -156,8 +156,9 @@ fn law(factor: &Factor, column: &Column) -> String {
         name => name,
     };
     let of = |value: f64| {
-        let unit = column.unit.as_deref().map_or_else(String::new, |unit| format!(" {unit}"));
-        format!("{}{unit}", short(value))
+        // A temperature is in degrees; its changes are in kelvin.
+        let unit = if column.name == "temperature_c" { Some("deg C") } else { column.unit.as_deref() };
+        format!("{}{}", short(value), unit.map_or_else(String::new, |unit| format!(" {unit}")))
     };
     let shape = &factor.shape;
     match factor.law {

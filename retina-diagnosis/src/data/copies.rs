@@ -55,6 +55,17 @@ pub(super) fn exposures(table: &PointsTable) -> (Exposures, usize) {
         }
         groups[group].1.push(at);
     }
+    // The order of a table's rows must not matter.
+    for (_, rows) in &mut groups {
+        rows.sort_by(|&a, &b| {
+            let [a, b] = [a, b].map(|at| &table.rows[at]);
+            let by = |of: fn(&PointRow) -> f64| of(a).total_cmp(&of(b));
+            by(|row| row.screen_px.y)
+                .then(by(|row| row.screen_px.x))
+                .then(by(|row| row.digital_count))
+                .then((a.channel as u8).cmp(&(b.channel as u8)))
+        });
+    }
     (groups, saturated)
 }
 

@@ -8,6 +8,7 @@ mod places;
 mod points;
 mod power;
 mod read;
+mod scale;
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -196,7 +197,7 @@ impl Dataset {
         let rows: Vec<usize> = self.groups.iter().step_by(stride).flat_map(|g| g.rows.clone()).collect();
         let mut out = self.of_rows(&rows);
         out.notes.push(format!(
-            "{} of {} rows were looked at, in every {stride}-th group",
+            "{} of {} rows were looked at, those of one group in {stride}",
             rows.len(),
             self.len()
         ));

@@ -15,6 +15,7 @@ use crate::field::{Held, HeldModel};
 use super::copies::{exposures, leave_out_copies, refuse_constant, refuse_repeated};
 use super::lens::{self, FittedLens, LensProblem, Shown};
 use super::places::{Known, true_places_px};
+use super::scale::check_scale;
 use super::{Covariate, Dataset, DisplayDepth, Flip, Group, RowFrame, Term};
 
 /// When the camera was mounted for a row.
@@ -244,11 +245,21 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
     let order: Vec<usize> = groups.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
     if order.is_empty() {
         return Err(InputError::new(first_file(&table.files), "holds no usable points")
-            .found(format!("{saturated} saturated rows")));
+            .found(if saturated > 0 { format!("{saturated} saturated rows") } else { "no row".to_owned() }));
     }
     let rows: Vec<&PointRow> = order.iter().map(|&at| &table.rows[at]).collect();
     let (facility, camera) = (source.setup.facility_pinhole(), source.setup.camera_pinhole());
     let seen = Seen::of(source, &rows);
+    if !matches!(source.baseline, Baseline::Lens(_)) || source.calibration.is_some() {
+        notes.extend(check_scale(
+            table,
+            &rows,
+            &seen.undistorted,
+            &seen.sight,
+            &seen.mounting,
+            source.setup,
+        )?);
+    }
     let predicted: Vec<DVec2> = match source.calibration {
         None => seen.undistorted.clone(),
         Some(calibration) => fixed(calibration, &seen.undistorted, &seen.l).map_err(|problem| {
