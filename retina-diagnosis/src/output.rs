@@ -40,10 +40,16 @@ fn warning_lines(data: &Dataset, outliers: usize) -> Vec<String> {
     warnings(data, outliers).into_iter().map(|warning| format!("WARNING: {warning}")).collect()
 }
 
+/// What an error is called: of points it has two components.
+pub(crate) fn rms_name(data: &Dataset) -> &'static str {
+    if data.components() == 2 { "rms per component" } else { "rms" }
+}
+
 /// The ladder of held-out errors, and the noise below it.
-fn ladder_text(steps: &[Step], noise: &Noise, unit: &str) -> Vec<String> {
+fn ladder_text(data: &Dataset, steps: &[Step], noise: &Noise, unit: &str) -> Vec<String> {
     let mut out = vec![format!(
-        "error of groups left out ({unit} rms per component), weighted by the last model's noise | unweighted"
+        "error of groups left out ({unit} {}), weighted by the last model's noise | unweighted",
+        rms_name(data)
     )];
     for step in steps {
         let name = match step.effects.as_slice() {
@@ -171,8 +177,10 @@ pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
     let mut out = vec![
         format!("{} rows, {} saturated, {} outliers", result.rows, result.saturated, result.outliers),
         format!(
-            "error {:.4} {unit} rms per component, weighted by the noise that this model leaves; {:.4} unweighted",
-            result.rms, result.rms_unweighted
+            "error {:.4} {unit} {}, weighted by the noise that this model leaves; {:.4} unweighted",
+            result.rms,
+            rms_name(data),
+            result.rms_unweighted
         ),
         format!("noise {:.4} {unit}: {}", result.noise.floor(), noise_text(&result.noise, unit)),
     ];
@@ -233,7 +241,7 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
         out.push(INVESTIGATE.to_owned());
     }
     out.splice(0..0, warning_lines(data, result.outliers));
-    out.extend(ladder_text(&result.steps, &result.noise, unit));
+    out.extend(ladder_text(data, &result.steps, &result.noise, unit));
     if let Some(next) = &result.next {
         let gain =
             next.expected_sigma.map_or_else(String::new, |s| format!(", would differ by {s:.1} sigma"));
@@ -276,7 +284,7 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
 pub fn fit_text(data: &Dataset, result: &Fit) -> Vec<String> {
     let unit = data.kind.unit();
     let mut out = warning_lines(data, result.outliers);
-    out.extend(ladder_text(&result.steps, &result.noise, unit));
+    out.extend(ladder_text(data, &result.steps, &result.noise, unit));
     out.push(format!(
         "{:10.4} | {:8.4} {unit}  in the fit, {} outliers left out",
         result.rms, result.rms_unweighted, result.outliers

@@ -51,6 +51,8 @@ struct Statistic {
     total: f64,
     sigma: f64,
     pairs: f64,
+    /// Variance of the sum over pairs of noise of variance 1 with the errors.
+    with_noise: f64,
 }
 
 /// The test of what a frame's base leaves.
@@ -65,7 +67,10 @@ pub(crate) struct Look {
 pub(crate) fn look(frame: &Frame<'_>, seed: u64, wavelengths_px: &[f64], floor: f64) -> Look {
     let data = frame.data;
     let waves: &[f64] = if data.components() == 2 { wavelengths_px } else { &[] };
-    let ripples: Vec<Vec<f64>> = waves.iter().map(|wavelength| ripple(data, *wavelength)).collect();
+    let ripples: Vec<Vec<f64>> = waves
+        .iter()
+        .flat_map(|wavelength| RIPPLES.map(|(along, phase)| ripple(data, *wavelength, along, phase)))
+        .collect();
     let mut free = frame.free_of_field(&ripples).into_iter();
     let error = free.next().unwrap_or_default();
     let own = of_patterns(frame, &error, cells(data), FEWEST_PAIRS);
@@ -84,43 +89,59 @@ pub(crate) fn look(frame: &Frame<'_>, seed: u64, wavelengths_px: &[f64], floor: 
         .collect();
     shared.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.deviate.total_cmp(&a.deviate)));
     let needed = deviate_needed(&draws);
+    let seen = |ripple: &[f64]| {
+        let patterns: Vec<Cells> = own.iter().map(|s| s.cells.clone()).collect();
+        let of_ripple = of_patterns(frame, ripple, patterns, 0.0);
+        let amplitude = |(own, ripple): (&Statistic, &Statistic)| {
+            let significant = needed * own.sigma;
+            amplitude_seen(own, ripple, significant.max(floor * floor * n * own.pairs))
+        };
+        own.iter().zip(&of_ripple).map(amplitude).fold(f64::INFINITY, f64::min)
+    };
+    let free: Vec<Vec<f64>> = free.collect();
     let visible = waves
         .iter()
-        .zip(free)
-        .map(|(&wavelength, ripple)| {
-            let patterns: Vec<Cells> = own.iter().map(|s| s.cells.clone()).collect();
-            // With an amplitude a the sum grows by a^2 T_ripple; its own scatter grows by little. The sum has to be
-            // significant, and its part of the noise above the floor.
-            let amplitude = |(own, ripple): (&Statistic, &Statistic)| {
-                let noticed = floor * floor * n * own.pairs + NINETY_FIVE * own.sigma;
-                (noticed.max(needed * own.sigma) / ripple.total.max(f64::MIN_POSITIVE)).sqrt()
-            };
-            let of_ripple = of_patterns(frame, &ripple, patterns, 0.0);
-            [wavelength, own.iter().zip(&of_ripple).map(amplitude).fold(f64::INFINITY, f64::min)]
-        })
+        .zip(free.chunks(RIPPLES.len()))
+        .map(|(&wavelength, ripples)| [wavelength, ripples.iter().map(|r| seen(r)).fold(0.0, f64::max)])
         .collect();
     Look { shared, visible }
 }
 
-/// A ripple of amplitude 1 over the rows, along a diagonal: neither stripes of x nor of y favour it.
-fn ripple(data: &Dataset, wavelength_px: f64) -> Vec<f64> {
+/// Directions and phases of ripples; the one that is seen worst speaks. Neither stripes of x nor of y favour them.
+const RIPPLES: [([f64; 2], f64); 3] = [([0.6, 0.8], 0.0), ([0.6, 0.8], 1.6), ([0.8, -0.6], 0.8)];
+
+/// The amplitude with which a pattern's sum is beyond `wanted` with 95 %: with an amplitude a the sum grows by
+/// a^2 T_ripple, and beside its own it has the scatter of the ripple times the noise, a^2 times a variance.
+fn amplitude_seen(own: &Statistic, ripple: &Statistic, wanted: f64) -> f64 {
+    let mut square = 0.0;
+    for _ in 0..20 {
+        let scatter = (own.sigma * own.sigma + square * ripple.with_noise).sqrt();
+        square = (wanted + NINETY_FIVE * scatter) / ripple.total.max(f64::MIN_POSITIVE);
+    }
+    square.sqrt()
+}
+
+/// A ripple of amplitude 1 over the rows, its displacement along a diagonal.
+fn ripple(data: &Dataset, wavelength_px: f64, [a, b]: [f64; 2], phase_rad: f64) -> Vec<f64> {
     let of_px = data.screen_pixel_arcsec / retina_geometry::ARCSEC_PER_RAD / data.half_tan;
     let k = std::f64::consts::TAU / (wavelength_px * of_px);
     let (x, y) = (data.values("x"), data.values("y"));
     (0..data.len())
-        .flat_map(|row| [(k * (0.6 * x[row] + 0.8 * y[row])).sin() * std::f64::consts::FRAC_1_SQRT_2; 2])
+        .flat_map(|row| {
+            [(k * (a * x[row] + b * y[row]) + phase_rad).sin() * std::f64::consts::FRAC_1_SQRT_2; 2]
+        })
         .collect()
 }
 
 /// Deviate below which a normal error lies with 95 %.
 pub(crate) const NINETY_FIVE: f64 = 1.645;
 
-/// Deviate that the largest of the patterns has to have, and as much more as 95 % power takes.
+/// Deviate that the largest of the patterns has to have.
 fn deviate_needed(draws: &[Vec<f64>]) -> f64 {
     let mut highest: Vec<f64> =
         draws.iter().map(|draw| draw.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();
     highest.sort_by(f64::total_cmp);
-    highest[((highest.len() - 1) as f64 * 0.995).round() as usize] + NINETY_FIVE
+    highest[((highest.len() - 1) as f64 * 0.995).round() as usize]
 }
 
 fn of_patterns(frame: &Frame<'_>, error: &[f64], patterns: Vec<Cells>, fewest: f64) -> Vec<Statistic> {
@@ -173,7 +194,7 @@ fn statistic(
     let (unit_of_row, units) = (&joined.of_row, joined.count);
     order.sort_by_key(|&row| (cells.of_row[row], unit_of_row[row]));
     let mut gram = Mat::<f64>::zeros(units, units);
-    let mut pairs = 0.0;
+    let (mut pairs, mut with_noise) = (0.0, 0.0);
     // Each unit's sum in the cell, and its rows.
     let mut sums: Vec<(usize, [f64; 2], f64)> = Vec::new();
     for members in order.chunk_by(|&a, &b| cells.of_row[a] == cells.of_row[b]) {
@@ -188,6 +209,10 @@ fn statistic(
                 sums[at].1[axis] += sign * error[row * n + axis];
             }
             sums[at].2 += 1.0;
+        }
+        let all = sums.iter().fold([0.0; 2], |all, (_, a, _)| [all[0] + a[0], all[1] + a[1]]);
+        for (_, a, count) in &sums {
+            with_noise += 4.0 * count * ((all[0] - a[0]).powi(2) + (all[1] - a[1]).powi(2));
         }
         for (i, (g, a, count)) in sums.iter().enumerate() {
             for (h, b, other) in sums[..i].iter().filter(|other| joined.apart(*g, other.0)) {
@@ -209,7 +234,7 @@ fn statistic(
         }
     }
     let sigma = squares.sqrt();
-    (sigma > 0.0).then_some(Statistic { cells, gram, total, sigma, pairs })
+    (sigma > 0.0).then_some(Statistic { cells, gram, total, sigma, pairs, with_noise })
 }
 
 /// For each draw the deviate of each pattern.

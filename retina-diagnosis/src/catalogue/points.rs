@@ -21,9 +21,14 @@ pub(super) fn entry(effect: PointsEffect) -> Entry {
     use PointsEffect as E;
     match effect {
         E::ScreenTilt => {
-            entry!("a (x^2, x y) + b (x y, y^2)", PLANE, &["x", "y"], "7 arcsec per 0.1 deg", ROLL, |d| Ok(
-                plain(tilt(d, false))
-            ))
+            entry!(
+                "a (x^2, x y) + b (x y, y^2); behind known lenses: what they make of its depth",
+                PLANE,
+                &["x", "y"],
+                "7 arcsec per 0.1 deg",
+                ROLL,
+                |d| Ok(plain(tilt(d, false)))
+            )
         }
         E::CameraPointing => entry!(
             "a (x^2, x y) + b (x y, y^2), in axes that turn with the camera",
@@ -59,7 +64,7 @@ pub(super) fn entry(effect: PointsEffect) -> Entry {
         ),
         E::RadialHigherOrder => entry!("a (x, y) r^4", BROWN, &["r"], "1 to 30 arcsec", None, radial),
         E::ScreenBow => entry!(
-            "a (x^2 - y^2) (x, y) + b x y (x, y)",
+            "a (x^2 - y^2) (x, y) + b x y (x, y); behind known lenses: what they make of its depth",
             "depth of a bent screen times what depth does to a line of sight",
             &["x", "y"],
             "1 to 6 arcsec",

@@ -10,7 +10,7 @@ use crate::diagnose::Diagnosis;
 use crate::figure::View;
 use crate::fit::Fit;
 use crate::headline::{INVESTIGATE, headline};
-use crate::output::warnings;
+use crate::output::{rms_name, warnings};
 use crate::scatter::Noise;
 use crate::verdict::Verdict;
 
@@ -69,8 +69,9 @@ pub(super) fn compared(data: &Dataset, result: &Comparison, view: &View) -> Sect
         .collect();
     let beyond = result.rms > BEYOND_NOISE * floor || !seen.is_empty();
     let heading = format!(
-        "Errors of {} {unit} rms per component; the noise is {}",
+        "Errors of {} {unit} {}; the noise is {}",
         rounded(result.rms),
+        rms_name(data),
         rounded(floor)
     );
     let mut answers = warning_answers(data, result.outliers);
