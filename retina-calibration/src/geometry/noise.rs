@@ -92,15 +92,15 @@ impl Weights {
             least: LEAST_SIGMA,
         };
         self.sigma = groups.sigmas(&observations.noise_key, &length, &self.outlier);
-        // Long spots at the edge of the field scatter by more than they state.
+        // Long spots at the edge of the field scatter by more than they state: by the ratio to all spots' scatter.
         let left: Vec<f64> = length.iter().zip(&self.sigma).map(|(length, sigma)| length / sigma).collect();
-        let further = NoiseGroups { fitted: 0.0, least: 1e-3, ..groups };
         let distance: Vec<f64> = observations.sight.iter().map(|sight| sight.length()).collect();
-        let factors = further.sigmas(&distance, &left, &self.outlier);
-        self.sigma
-            .iter_mut()
-            .zip(factors)
-            .for_each(|(sigma, factor)| *sigma = (*sigma * factor).max(LEAST_SIGMA));
+        let rings = NoiseGroups { fitted: 0.0, least: 1e-3, ..groups };
+        let all = NoiseGroups { rows: left.len().max(1), ..rings };
+        let overall = all.sigmas(&distance, &left, &self.outlier);
+        for (i, ring) in rings.sigmas(&distance, &left, &self.outlier).into_iter().enumerate() {
+            self.sigma[i] = (self.sigma[i] * ring / overall[i]).max(LEAST_SIGMA);
+        }
         for i in 0..length.len() {
             let t = length[i] / self.sigma[i];
             self.outlier[i] = t > OUTLIER_SIGMAS;
