@@ -130,14 +130,15 @@ impl Folder {
         let file = self.dir.join(RECORD);
         if !file.exists() {
             let foreign = ["frames", "truth", MANIFEST].iter().find(|name| self.dir.join(name).exists());
-            return match foreign {
-                None => Ok(None),
-                Some(name) => Err(InputError::new(
+            let Some(name) = foreign else { return Ok(None) };
+            // A run that began between the two looks wrote its record first.
+            if !file.exists() {
+                return Err(InputError::new(
                     &self.dir,
                     format!("holds `{name}` and no `{RECORD}` that says of which scene"),
                 )
-                .help("give --out another folder")),
-            };
+                .help("give --out another folder"));
+            }
         }
         let record: Record = serde_json::from_str(&read_text(&file)?).map_err(|error| {
             InputError::new(&file, format!("is not a batch record: {error}"))

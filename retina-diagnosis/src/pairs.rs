@@ -73,7 +73,8 @@ pub(crate) fn look(frame: &Frame<'_>, seed: u64, wavelengths_px: &[f64], floor: 
         .collect();
     let mut free = frame.free_of_field(&ripples).into_iter();
     let error = free.next().unwrap_or_default();
-    let own = of_patterns(frame, &error, cells(data), FEWEST_PAIRS);
+    let own: Vec<Statistic> =
+        of_patterns(frame, &error, cells(data), FEWEST_PAIRS).into_iter().flatten().collect();
     let draws = drawn(&own, seed);
     let n = data.components() as f64;
     let mut shared: Vec<Shared> = own
@@ -89,26 +90,38 @@ pub(crate) fn look(frame: &Frame<'_>, seed: u64, wavelengths_px: &[f64], floor: 
         .collect();
     shared.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.deviate.total_cmp(&a.deviate)));
     let needed = deviate_needed(&draws);
-    let seen = |ripple: &[f64]| {
+    let seen_by = |own: &[&Statistic], ripple: &[f64]| -> Vec<f64> {
         let patterns: Vec<Cells> = own.iter().map(|s| s.cells.clone()).collect();
-        let of_ripple = of_patterns(frame, ripple, patterns, 0.0);
-        let amplitude = |(own, ripple): (&Statistic, &Statistic)| {
-            let significant = needed * own.sigma;
-            amplitude_seen(own, ripple, significant.max(floor * floor * n * own.pairs))
+        let amplitude = |(own, ripple): (&&Statistic, Option<Statistic>)| {
+            let wanted = (needed * own.sigma).max(floor * floor * n * own.pairs);
+            ripple.map_or(f64::INFINITY, |ripple| amplitude_seen(own, &ripple, wanted))
         };
-        own.iter().zip(&of_ripple).map(amplitude).fold(f64::INFINITY, f64::min)
+        own.iter().zip(of_patterns(frame, ripple, patterns, 0.0)).map(amplitude).collect()
     };
+    let least = |amplitudes: &[f64]| amplitudes.iter().copied().fold(f64::INFINITY, f64::min);
+    let all: Vec<&Statistic> = own.iter().collect();
     let free: Vec<Vec<f64>> = free.collect();
     let visible = waves
         .iter()
         .zip(free.chunks(RIPPLES.len()))
-        .map(|(&wavelength, ripples)| [wavelength, ripples.iter().map(|r| seen(r)).fold(0.0, f64::max)])
+        .map(|(&wavelength, ripples)| {
+            let first = seen_by(&all, &ripples[0]);
+            // What sees one ripple of a wavelength best is asked for the others.
+            let mut order: Vec<usize> = (0..all.len()).collect();
+            order.sort_by(|&a, &b| first[a].total_cmp(&first[b]));
+            let best: Vec<&Statistic> = order.iter().take(BEST_PATTERNS).map(|&k| all[k]).collect();
+            let others = ripples[1..].iter().map(|ripple| least(&seen_by(&best, ripple)));
+            [wavelength, others.fold(least(&first), f64::max)]
+        })
         .collect();
     Look { shared, visible }
 }
 
 /// Directions and phases of ripples; the one that is seen worst speaks. Neither stripes of x nor of y favour them.
 const RIPPLES: [([f64; 2], f64); 3] = [([0.6, 0.8], 0.0), ([0.6, 0.8], 1.6), ([0.8, -0.6], 0.8)];
+
+/// Patterns that are asked for further ripples of a wavelength.
+const BEST_PATTERNS: usize = 16;
 
 /// The amplitude with which a pattern's sum is beyond `wanted` with 95 %: with an amplitude a the sum grows by
 /// a^2 T_ripple, and beside its own it has the scatter of the ripple times the noise, a^2 times a variance.
@@ -144,12 +157,16 @@ fn deviate_needed(draws: &[Vec<f64>]) -> f64 {
     highest[((highest.len() - 1) as f64 * 0.995).round() as usize]
 }
 
-fn of_patterns(frame: &Frame<'_>, error: &[f64], patterns: Vec<Cells>, fewest: f64) -> Vec<Statistic> {
+/// The statistics of patterns, of each that has enough pairs.
+fn of_patterns(
+    frame: &Frame<'_>,
+    error: &[f64],
+    patterns: Vec<Cells>,
+    fewest: f64,
+) -> Vec<Option<Statistic>> {
     let joined = Joined::of(&frame.units, frame.data);
-    if joined.count < 2 {
-        return Vec::new();
-    }
-    patterns.into_par_iter().filter_map(|cells| statistic(frame, error, cells, &joined, fewest)).collect()
+    let of = |cells| if joined.count < 2 { None } else { statistic(frame, error, cells, &joined, fewest) };
+    patterns.into_par_iter().map(of).collect()
 }
 
 /// Units joined to at most [`MOST_UNITS`] runs.
