@@ -130,7 +130,7 @@ fn of_field(data: &Dataset) -> Vec<Cells> {
 }
 
 /// Pixels of the screen in a unit of x.
-fn px_of_x(data: &Dataset) -> f64 {
+pub(crate) fn px_of_x(data: &Dataset) -> f64 {
     data.half_tan * retina_geometry::ARCSEC_PER_RAD / data.screen_pixel_arcsec.max(f64::MIN_POSITIVE)
 }
 

@@ -14,7 +14,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::cells::{Cells, cells};
+use crate::cells::{Cells, cells, px_of_x};
 use crate::data::{Dataset, Flip};
 use crate::score::Frame;
 use crate::units::Units;
@@ -101,10 +101,15 @@ pub(crate) fn look(frame: &Frame<'_>, seed: u64, wavelengths_px: &[f64], floor: 
     let least = |amplitudes: &[f64]| amplitudes.iter().copied().fold(f64::INFINITY, f64::min);
     let all: Vec<&Statistic> = own.iter().collect();
     let free: Vec<Vec<f64>> = free.collect();
+    let spacing_px = if waves.is_empty() { 0.0 } else { spacing_px(data) };
     let visible = waves
         .iter()
         .zip(free.chunks(RIPPLES.len()))
         .map(|(&wavelength, ripples)| {
+            // Rows farther apart than a wavelength do not say that nothing lies between them.
+            if wavelength < spacing_px {
+                return [wavelength, f64::INFINITY];
+            }
             let first = seen_by(&all, &ripples[0]);
             // What sees one ripple of a wavelength best is asked for the others.
             let mut order: Vec<usize> = (0..all.len()).collect();
@@ -115,6 +120,18 @@ pub(crate) fn look(frame: &Frame<'_>, seed: u64, wavelengths_px: &[f64], floor: 
         })
         .collect();
     Look { shared, visible }
+}
+
+/// Mean distance of rows in the field, px of the screen: the side of a square that holds one.
+fn spacing_px(data: &Dataset) -> f64 {
+    let extent = |name: &str| {
+        let (low, high) = data
+            .values(name)
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+        high - low
+    };
+    (extent("x") * extent("y") / data.len() as f64).sqrt() * px_of_x(data)
 }
 
 /// Directions and phases of ripples; the one that is seen worst speaks. Neither stripes of x nor of y favour them.
