@@ -124,13 +124,7 @@ pub(crate) fn look(frame: &Frame<'_>, seed: u64, wavelengths_px: &[f64], floor: 
 
 /// Mean distance of rows in the field, px of the screen: the side of a square that holds one.
 fn spacing_px(data: &Dataset) -> f64 {
-    let extent = |name: &str| {
-        let (low, high) = data
-            .values(name)
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-        high - low
-    };
+    let extent = |name: &str| data.covariate(name).map_or(0.0, |column| column.range().1 - column.range().0);
     (extent("x") * extent("y") / data.len() as f64).sqrt() * px_of_x(data)
 }
 
@@ -153,8 +147,7 @@ fn amplitude_seen(own: &Statistic, ripple: &Statistic, wanted: f64) -> f64 {
 
 /// A ripple of amplitude 1 over the rows, its displacement along a diagonal.
 fn ripple(data: &Dataset, wavelength_px: f64, [a, b]: [f64; 2], phase_rad: f64) -> Vec<f64> {
-    let of_px = data.screen_pixel_arcsec / retina_geometry::ARCSEC_PER_RAD / data.half_tan;
-    let k = std::f64::consts::TAU / (wavelength_px * of_px);
+    let k = std::f64::consts::TAU / wavelength_px * px_of_x(data);
     let (x, y) = (data.values("x"), data.values("y"));
     (0..data.len())
         .flat_map(|row| {

@@ -135,6 +135,22 @@ fn copies_of_an_exposure_are_left_out_and_said() {
     );
 }
 
+/// Rows of an exposure have no order of their own.
+#[test]
+fn the_order_of_rows_does_not_matter() {
+    let text = campaign(12).table(&setup(), &nothing);
+    let mut rows: Vec<&str> = text.lines().skip(1).collect();
+    for exposure in rows.chunks_mut(400 / 12) {
+        exposure.reverse();
+    }
+    let other = format!("{}\n{}\n", text.lines().next().unwrap(), rows.join("\n"));
+    let white = |text: &str| {
+        let found = diagnose(&read(text).unwrap(), &[], &DiagnoseOptions { flips: 199, seed: 1 });
+        (found.noise.white, found.baseline_heldout_rms)
+    };
+    assert_eq!(white(&text), white(&other));
+}
+
 /// A regression with nearly as many columns as there are numbers leaves no errors, and that is no noise.
 #[test]
 fn few_rows_do_not_make_a_noise_of_nothing() {

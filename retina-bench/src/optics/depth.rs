@@ -27,7 +27,8 @@ const HALF_PX: usize = 10;
 const STEP: f64 = 1e-4;
 
 /// What a setup's lenses make of the display's depth and of coma, by images of points at the channels' wavelengths, seen
-/// by a detector. `half_tan` is the largest line of sight's tangent. Coma takes most of the time (0.3 s), and is left out where it is not wanted.
+/// by a detector. `half_tan` is the largest line of sight's tangent. Coma takes most of the time, and is left out where it
+/// is not wanted.
 ///
 /// # Errors
 /// As [`facility_system`]; a ray that does not arrive.

@@ -1,4 +1,4 @@
-//! Forms that rays through the setup's lenses give: the display's depth, and coma.
+//! Forms that the setup's lenses give, by images of points through them: the display's depth, and coma.
 
 use glam::DVec2;
 use retina_geometry::{COMAS_MM, ComaRays, DisplayRays};
