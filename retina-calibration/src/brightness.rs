@@ -17,6 +17,9 @@ pub struct NoiseGroups {
 const VARIANCE_WITHIN_3: f64 = 0.973_34;
 /// Clippings about a new standard deviation each.
 const CLIPPINGS: usize = 5;
+/// Groups of like brightness in a ring of the field, at least, and most rings.
+const GROUPS_OF_RING: usize = 4;
+const MOST_RINGS: usize = 10;
 /// Most groups.
 const MOST_GROUPS: usize = 16;
 
@@ -31,11 +34,47 @@ impl NoiseGroups {
         self.at_rows(key, key, length, order, |median, _| median / self.median_of_normal)
     }
 
+    /// Standard deviation of each row by its brightness, from rows at a like `distance` from the field's middle; log-linear
+    /// between those rings, level beyond. The field changes how the noise follows the light: where spots are long, bright
+    /// ones scatter by more than their photons.
+    pub fn sigmas_in_field(&self, key: &[f64], distance: &[f64], length: &[f64], outlier: &[bool]) -> Vec<f64> {
+        let mut order: Vec<usize> = (0..key.len()).filter(|&i| !outlier[i]).collect();
+        if order.is_empty() {
+            order = (0..key.len()).collect();
+        }
+        order.sort_by(|&a, &b| distance[a].total_cmp(&distance[b]));
+        let rings = (order.len() / (GROUPS_OF_RING * self.rows)).clamp(1, MOST_RINGS);
+        let free = self.fitted / order.len() as f64;
+        let nodes: Vec<(f64, Vec<f64>)> = (0..rings)
+            .map(|ring| {
+                let members = &order[ring * order.len() / rings..(ring + 1) * order.len() / rings];
+                let middle = members.iter().map(|&i| distance[i]).sum::<f64>() / members.len() as f64;
+                let of_ring = Self { fitted: free * members.len() as f64, ..*self };
+                (middle, of_ring.at_rows(key, key, length, members.to_vec(), self.clipped()))
+            })
+            .collect();
+        let at = |row: usize| -> f64 {
+            let next = nodes.partition_point(|node| node.0 < distance[row]);
+            let (below, above) = (next.saturating_sub(1), next.min(rings - 1));
+            let (x0, x1) = (nodes[below].0, nodes[above].0);
+            let part = if x1 > x0 { (distance[row] - x0) / (x1 - x0) } else { 0.0 };
+            let (low, high) = (nodes[below].1[row].ln(), nodes[above].1[row].ln());
+            (low + part.clamp(0.0, 1.0) * (high - low)).exp()
+        };
+        (0..key.len()).map(at).collect()
+    }
+
     /// Standard deviations at other brightnesses than those of the residuals; roots of mean squares without what is
     /// beyond three standard deviations, since the median of values that were rounded is one of few.
     pub fn clipped_at(&self, wanted: &[f64], key: &[f64], length: &[f64]) -> Vec<f64> {
-        let clipped = |median: f64, members: &[f64]| {
-            let mut sigma = median / self.median_of_normal;
+        self.at_rows(wanted, key, length, (0..key.len()).collect(), self.clipped())
+    }
+
+    /// The root of a group's mean square without what is beyond three standard deviations, of errors along a line.
+    fn clipped(&self) -> impl Fn(f64, &[f64]) -> f64 + use<> {
+        let median_of_normal = self.median_of_normal;
+        move |median, members| {
+            let mut sigma = median / median_of_normal;
             for _ in 0..CLIPPINGS {
                 let within = members.iter().filter(|v| **v <= 3.0 * sigma);
                 let (count, squares) = within.fold((0.0, 0.0), |(n, s), v| (n + 1.0, s + v * v));
@@ -44,8 +83,7 @@ impl NoiseGroups {
                 }
             }
             sigma
-        };
-        self.at_rows(wanted, key, length, (0..key.len()).collect(), clipped)
+        }
     }
 
     fn at_rows(

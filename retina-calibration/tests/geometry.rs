@@ -197,8 +197,9 @@ fn stated_intervals_hold_the_truth_as_often_as_they_say() {
         for (at, ([i, j, _], c)) in result.inverse.terms.iter().enumerate() {
             let truth =
                 DVec2::new(f64::from(u8::from([*i, *j] == [1, 0])), f64::from(u8::from([*i, *j] == [0, 1])));
-            let sigma = result.covariance[at * n + at].sqrt();
-            for off in (*c - truth).to_array() {
+            for (axis, off) in (*c - truth).to_array().into_iter().enumerate() {
+                let of = axis * n + at;
+                let sigma = result.covariance[of * 2 * n + of].sqrt();
                 // 90 % of a normal distribution.
                 let within = usize::from(off.abs() < 1.644_854 * sigma);
                 inside += within;

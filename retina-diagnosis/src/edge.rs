@@ -1,8 +1,11 @@
-//! Noise that grows towards the field's edge more than is stated.
+//! Noise that changes over the field by more than is stated, and is larger along one direction.
 //!
-//! What a table states of a centroid, or what its light says, holds for spots that are round. Long spots at the edge of a
-//! field scatter by more, and forms that grow outwards would then seem surer than they are. Neighbours tell it apart from
-//! any model: structure that is wider than their distance is not in their differences.
+//! What a table states of a centroid, or what its light says, holds for spots that are round. Spots that are long, towards
+//! the field's middle or across, scatter by more in that direction; forms along it would then seem surer than they are,
+//! and forms across less sure. Neighbours tell the noise apart from any model: structure that is wider than their distance
+//! is not in their differences.
+
+use glam::{DMat2, DVec2};
 
 use crate::data::Dataset;
 use crate::linear::dot;
@@ -17,61 +20,83 @@ const MOST: f64 = 9.0;
 /// By what the noise exceeds what is stated, over the distance from the field's middle.
 #[derive(Debug, Clone)]
 pub(crate) struct Edge {
-    /// Distance, and the factor's logarithm; rising.
-    rings: Vec<(f64, f64)>,
+    /// Distance, and the factors' logarithms towards the middle and across; rising.
+    rings: Vec<(f64, DVec2)>,
     /// d ln(noise) / d(key) of the rows' own keys.
     slope: f64,
 }
 
+/// The directions away from the field's middle and across.
+fn outwards(at: DVec2) -> DMat2 {
+    let out = at.normalize_or(DVec2::X);
+    DMat2::from_cols(out, out.perp())
+}
+
+fn place(data: &Dataset, row: usize) -> DVec2 {
+    DVec2::new(data.values("x")[row], data.values("y")[row])
+}
+
 impl Edge {
-    /// From pairs of rows that are next to each other in the field, with the squares of their differences over those that
-    /// the weights expect. `None` where there are too few.
+    /// From pairs of rows that are next to each other in the field, with their differences in sigmas that the weights
+    /// expect. `None` where there are too few.
     pub(crate) fn of(
         data: &Dataset,
         weights: &Weights,
         pairs: &[(usize, usize)],
-        squares: &[f64],
+        differences: &[DVec2],
     ) -> Option<Self> {
-        let (x, y) = (data.values("x"), data.values("y"));
-        let r = |row: usize| x[row].hypot(y[row]);
-        let mut order: Vec<(f64, f64)> =
-            pairs.iter().zip(squares).map(|(&(i, j), square)| (0.5 * (r(i) + r(j)), *square)).collect();
+        let ring_of = |(&(i, j), difference): (&(usize, usize), &DVec2)| {
+            let at = 0.5 * (place(data, i) + place(data, j));
+            let along = outwards(at).transpose() * *difference;
+            (at.length(), along * along)
+        };
+        let mut order: Vec<(f64, DVec2)> = pairs.iter().zip(differences).map(ring_of).collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
         let count = order.len() / PAIRS;
         if count < FEWEST_RINGS {
             return None;
         }
-        let mean = |part: &[(f64, f64)]| {
-            let plain = part.iter().map(|p| p.1).sum::<f64>() / part.len() as f64;
-            part.iter().map(|p| p.1.min(MOST * plain)).sum::<f64>() / part.len() as f64
+        let mean = |part: &[(f64, DVec2)]| {
+            let plain = part.iter().map(|p| p.1).sum::<DVec2>() / part.len() as f64;
+            part.iter().map(|p| p.1.min(MOST * plain)).sum::<DVec2>() / part.len() as f64
         };
-        let all = mean(&order);
-        let rings: Vec<(f64, f64)> = (0..count)
+        let all = 0.5 * mean(&order).element_sum();
+        let rings: Vec<(f64, DVec2)> = (0..count)
             .map(|k| {
                 let part = &order[k * order.len() / count..(k + 1) * order.len() / count];
                 let at = part.iter().map(|p| p.0).sum::<f64>() / part.len() as f64;
-                (at, 0.5 * (mean(part) / all).ln())
+                (at, 0.5 * (mean(part) / all).map(f64::ln))
             })
             .collect();
-        if rings.iter().any(|(_, factor)| !factor.is_finite()) {
+        if rings.iter().any(|(_, factors)| !factors.is_finite()) {
             return None;
         }
         Some(Self { rings, slope: slope(&data.noise_key, weights) })
     }
 
-    /// The logarithm of each row's noise, up to a constant: keys for weights.
-    pub(crate) fn keys(&self, data: &Dataset) -> Vec<f64> {
-        let (x, y) = (data.values("x"), data.values("y"));
-        (0..data.len()).map(|row| self.slope * data.noise_key[row] + self.at(x[row].hypot(y[row]))).collect()
+    /// Tells a table: by which keys its rows are weighed, and what makes each row's error isotropic.
+    pub(crate) fn tell(&self, data: &mut Dataset) {
+        let of_row = |row: usize| {
+            let at = place(data, row);
+            let factors = self.at(at.length()).map(f64::exp);
+            // Of the same mean square as before.
+            let mean = (0.5 * factors.length_squared()).sqrt();
+            let turn = outwards(at);
+            let isotropic = turn * DMat2::from_diagonal(mean / factors) * turn.transpose();
+            (self.slope * data.noise_key[row] + mean.ln(), isotropic)
+        };
+        let (keys, isotropic): (Vec<f64>, Vec<DMat2>) = (0..data.len()).map(of_row).unzip();
+        data.noise_key = keys;
+        data.isotropic_from_error = Some(isotropic);
     }
 
     /// Straight between the rings, level beyond them.
-    fn at(&self, r: f64) -> f64 {
+    fn at(&self, r: f64) -> DVec2 {
         let next = self.rings.partition_point(|ring| ring.0 < r);
         match (next.checked_sub(1).map(|below| self.rings[below]), self.rings.get(next)) {
-            (Some((low, a)), Some(&(high, b))) if high > low => a + (b - a) * (r - low) / (high - low),
+            (Some((low, a)), Some(&(high, b))) if high > low => a + (b - a) * ((r - low) / (high - low)),
             (Some((_, a)), _) | (None, Some(&(_, a))) => a,
-            (None, None) => 0.0,
+            (None, None) => DVec2::ZERO,
         }
     }
 }

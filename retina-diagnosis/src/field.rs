@@ -127,8 +127,8 @@ impl HeldModel {
         Field { known, modes: self.modes(lowest, self.degree.max(LOWEST_DEGREE) + DEGREES_BEYOND) }
     }
 
-    /// Errors of the coefficients as independent fields: with Phi = Q R their columns over the rows and C their covariance,
-    /// R C R^T = U S U^T gives the fields Phi R^-1 U S^(1/2).
+    /// Errors of the coefficients as independent fields: with Phi = Q R their columns over the rows, the same along both
+    /// axes, and C their covariance, R C R^T = U S U^T gives the fields Phi R^-1 U S^(1/2).
     fn known(&self, inverse: &InverseDistortion, covariance: &[f64]) -> Vec<Vec<f64>> {
         let n = inverse.columns();
         let values = |row: usize| {
@@ -143,35 +143,30 @@ impl HeldModel {
         let basis = Basis::of((0..n).map(|t| rows.iter().map(|row| row[t] / norm).collect::<Vec<f64>>()));
         let r = basis.triangle_rows();
         let k = basis.q.len();
-        let r = faer::Mat::<f64>::from_fn(k, n, |i, j| r[i][j]);
-        let c = faer::Mat::<f64>::from_fn(n, n, |i, j| covariance[i * n + j]);
+        let along_both = |i: usize, j: usize| if i / k == j / n { r[i % k][j % n] } else { 0.0 };
+        let r = faer::Mat::<f64>::from_fn(2 * k, 2 * n, along_both);
+        let c = faer::Mat::<f64>::from_fn(2 * n, 2 * n, |i, j| covariance[i * 2 * n + j]);
         let in_field = &r * &c * r.transpose();
         let Ok(eigen) = in_field.self_adjoint_eigen(faer::Side::Lower) else { return Vec::new() };
         let (u, s) = (eigen.U(), eigen.S().column_vector());
-        let largest = (0..k).map(|i| s[i]).fold(0.0, f64::max);
+        let largest = (0..2 * k).map(|i| s[i]).fold(0.0, f64::max);
         // Weights of the coefficients in each field: C R^T U S^(-1/2), which needs no inverse of R.
         let weights = &c * r.transpose() * u;
         let jacobian: Vec<glam::DMat2> = (0..self.sight.len())
             .map(|row| inverse.jacobian(self.sight[row], self.l[row]).inverse() * ARCSEC_PER_RAD)
             .collect();
-        let kept: Vec<usize> = (0..k).rev().filter(|&i| s[i] > LEAST * largest).collect();
-        let of_row = |row: usize| -> Vec<f64> {
+        let kept: Vec<usize> = (0..2 * k).rev().filter(|&i| s[i] > LEAST * largest).collect();
+        let weights: Vec<Vec<DVec2>> = kept
+            .iter()
+            .map(|&i| (0..n).map(|t| DVec2::new(weights[(t, i)], weights[(n + t, i)]) / s[i].sqrt()).collect())
+            .collect();
+        let of_row = |row: usize| -> Vec<DVec2> {
             let values = values(row);
-            let sum = |&i: &usize| -> f64 {
-                values.iter().enumerate().map(|(t, v)| weights[(t, i)] / s[i].sqrt() * v).sum()
-            };
-            kept.iter().map(sum).collect()
+            let sum = |weights: &Vec<DVec2>| weights.iter().zip(&values).map(|(w, v)| *w * *v).sum::<DVec2>();
+            weights.iter().map(|weights| jacobian[row] * sum(weights)).collect()
         };
-        let fields: Vec<Vec<f64>> = (0..self.sight.len()).map(of_row).collect();
-        let mut out = Vec::new();
-        for at in 0..kept.len() {
-            let field = fields.iter().map(|row| row[at]);
-            for axis in [DVec2::X, DVec2::Y] {
-                let moved = field.clone().zip(&jacobian).flat_map(|(f, j)| (*j * (axis * f)).to_array());
-                out.push(moved.collect());
-            }
-        }
-        out
+        let fields: Vec<Vec<DVec2>> = (0..self.sight.len()).map(of_row).collect();
+        (0..kept.len()).map(|at| fields.iter().flat_map(|row| row[at].to_array()).collect()).collect()
     }
 
     /// Products of Legendre polynomials over the rows' box, of unit rms there and smaller from degree to degree.

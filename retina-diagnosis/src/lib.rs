@@ -28,6 +28,7 @@ mod headline;
 mod json;
 mod kept;
 mod lags;
+mod level;
 mod linear;
 mod model_file;
 mod next;

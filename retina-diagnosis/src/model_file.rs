@@ -107,7 +107,7 @@ fn predictions(
 /// Rows over which the model's error is taken.
 const SAMPLE: usize = 1500;
 
-/// Covariance of the mapping's coefficients, mean of both axes: the model's prediction error over the rows, put into
+/// Covariance of the mapping's coefficients, a before b: the model's prediction error over the rows, put into
 /// the mapping by least squares. The error is that of the fitted parameters (P their covariance, B their columns:
 /// B P B^T) and that of the calibration held fixed (its own columns F: F F^T). The data lessen the latter a little,
 /// which is not counted: the covariance is rather too large.
@@ -126,8 +126,7 @@ fn covariance(
     };
     // Independent errors of unit variance, axis by axis.
     let independent = independent_errors(data, &base, &sigma, &fit.correlation)?;
-    let errors: Vec<Vec<f64>> =
-        independent.iter().flat_map(|column| [at(column, 0), at(column, 1)]).collect();
+    let errors = independent.iter().map(|column| [at(column, 0), at(column, 1)]);
     let inverse = &result.inverse;
     let side = inverse.columns();
     // Columns about 1 at the camera's edge: the covariance's own scale is put back at the end.
@@ -146,14 +145,13 @@ fn covariance(
         .collect();
     let column = |c: usize| values.iter().map(|row| row[c] * scale[c]).collect::<Vec<f64>>();
     let basis = Basis::of((0..side).map(column));
-    let mut matrix = vec![0.0; side * side];
-    for error in &errors {
-        let coefficients = basis.coefficients(error);
-        for i in 0..side {
-            for j in 0..side {
-                matrix[i * side + j] += 0.5 * coefficients[i] * scale[i] * coefficients[j] * scale[j];
-            }
+    let mut matrix = vec![0.0; 4 * side * side];
+    for error in errors {
+        let fitted = error.iter().flat_map(|along| basis.coefficients(along));
+        let coefficients: Vec<f64> = fitted.zip(scale.iter().cycle()).map(|(c, scale)| c * scale).collect();
+        for (i, row) in matrix.chunks_exact_mut(2 * side).enumerate() {
+            row.iter_mut().zip(&coefficients).for_each(|(sum, c)| *sum += coefficients[i] * c);
         }
     }
-    Some(CovarianceRecord::of_matrix(&matrix, side))
+    Some(CovarianceRecord::of_matrix(&matrix, 2 * side))
 }

@@ -117,6 +117,7 @@ fn repeated(data: &Dataset, action: &str) -> Option<Dataset> {
     out.y.extend_from_slice(&data.y);
     out.order.extend_from_slice(&data.order);
     out.noise_key.extend_from_slice(&data.noise_key);
+    out.isotropic_from_error.iter_mut().for_each(|isotropic| isotropic.extend_from_within(..));
     out.channel.extend_from_slice(&data.channel);
     out.frame.extend_from_slice(&data.frame);
     for covariate in &mut out.covariates {

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 use retina_calibration::NoiseGroups;
 
 use faer::linalg::solvers::{DenseSolveCore as _, Solve as _};
+use glam::DVec2;
 
 use crate::data::{Dataset, Group};
 use crate::field::Field;
@@ -23,7 +24,7 @@ const ROUNDS: usize = 8;
 pub(crate) struct Weights {
     /// Inverse variance times the robust weight, of each row; 0: outlier.
     pub(crate) weight: Vec<f64>,
-    /// Standard deviation of a component without the group's error.
+    /// Standard deviation of a component without the group's error, the mean of both.
     pub(crate) sigma: Vec<f64>,
     /// Variance of the group's common error per component.
     pub(crate) jitter_variance: f64,
@@ -50,10 +51,6 @@ impl Weights {
             outlier: vec![false; rows],
             field_size: 0.0,
         }
-    }
-
-    pub(crate) fn kappa(&self, sum: f64) -> f64 {
-        1.0 - 1.0 / (1.0 + self.jitter_variance * sum).sqrt()
     }
 
     /// Inverse variance of a row, 0 for an outlier: errors are summed up without Tukey's factor, which would take the
@@ -299,7 +296,8 @@ impl Weights {
         let mut length = vec![0.0; data.len()];
         for (group, shift) in data.groups.iter().zip(&shifts) {
             for row in group.rows.clone() {
-                length[row] = (0..n).map(|a| (residual[row * n + a] - shift[a]).powi(2)).sum::<f64>().sqrt();
+                let off = |axis: usize| if axis < n { residual[row * n + axis] - shift[axis] } else { 0.0 };
+                length[row] = (data.isotropic(row) * DVec2::new(off(0), off(1))).length();
             }
         }
         let free = columns + (n * shifts.iter().filter(|s| **s != [0.0; 2]).count()) as f64;

@@ -6,6 +6,7 @@
 //! levels of the other half do not predict. A calibration that is held fixed and is a little wrong: its error is the
 //! same everywhere, so whatever it could be is fitted freely.
 
+use glam::DVec2;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -14,6 +15,7 @@ use crate::added::{AddedEffect, adjusted};
 use crate::balance::balanced;
 use crate::catalogue::{Effect, Variant, effects};
 use crate::data::{Dataset, Flip};
+use crate::level::Level;
 use crate::linear::{Basis, dot, least_squares};
 use crate::noise::{Weights, robust_fit};
 use crate::pixel_noise;
@@ -367,7 +369,6 @@ impl Halves {
         if rho == 0.0 {
             return std::mem::take(&mut white[1]);
         }
-        let n = self.whole.data.components();
         // For each group in the order of time: which half, and its number there.
         let mut place = vec![(0, 0); self.whole.data.groups.len()];
         for (k, half) in halves.iter().enumerate() {
@@ -380,26 +381,16 @@ impl Halves {
             }
         }
         let order: Vec<(usize, usize)> = in_time(&self.whole.data).into_iter().map(|g| place[g]).collect();
-        let root_sum = |(k, g): (usize, usize)| -> f64 {
-            let rows = halves[k].data.groups[g].rows.clone();
-            weights[k].weight[rows].iter().sum::<f64>().sqrt()
+        let own = |&(k, g): &(usize, usize)| {
+            let data: &Dataset = &halves[k].data;
+            let level = weights[k].level(data, data.groups[g].rows.clone());
+            let found = level.of(data, &weights[k], &white[k]);
+            (level, found)
         };
-        let level = |(k, g): (usize, usize), axis: usize| -> f64 {
-            let rows = halves[k].data.groups[g].rows.clone();
-            rows.map(|row| weights[k].weight[row].sqrt() * white[k][row * n + axis]).sum::<f64>()
-                / root_sum((k, g))
-        };
-        let counts: Vec<bool> = order.iter().map(|&at| root_sum(at) > 0.0).collect();
-        let levels: Vec<[f64; 2]> = order
-            .iter()
-            .zip(&counts)
-            .map(|(&at, &counts)| {
-                let of = |axis: usize| if counts && axis < n { level(at, axis) } else { 0.0 };
-                [of(0), of(1)]
-            })
-            .collect();
+        let levels: Vec<(Level, DVec2)> = order.iter().map(own).collect();
+        let counts: Vec<bool> = levels.iter().map(|(level, _)| level.counts()).collect();
         let mut changes = Vec::new();
-        for (t, &(k, g)) in order.iter().enumerate() {
+        for (t, &(k, _)) in order.iter().enumerate() {
             if k == 0 || !counts[t] {
                 continue;
             }
@@ -412,19 +403,12 @@ impl Halves {
             let share = 1.0 - both * both;
             let (of_before, of_after) = ((b - both * a) / share, (a - both * b) / share);
             let root = (1.0 - of_before * b - of_after * a).sqrt();
-            let own: [f64; 2] = [0, 1].map(|axis| {
-                let at = |s: Option<usize>| s.map_or(0.0, |s| levels[s][axis]);
-                (levels[t][axis] - of_before * at(before) - of_after * at(after)) / root - levels[t][axis]
-            });
-            changes.push((g, own.map(|change| change / root_sum((k, g)))));
+            let at = |s: Option<usize>| s.map_or(DVec2::ZERO, |s| levels[s].1);
+            let own = (levels[t].1 - of_before * at(before) - of_after * at(after)) / root;
+            changes.push((t, own - levels[t].1));
         }
-        for (g, change) in changes {
-            for row in self.judge.data.groups[g].rows.clone() {
-                let root = weights[1].weight[row].sqrt();
-                for axis in 0..n {
-                    white[1][row * n + axis] += change[axis] * root;
-                }
-            }
+        for (t, change) in changes {
+            levels[t].0.add(&self.judge.data, &weights[1], &mut white[1], change);
         }
         std::mem::take(&mut white[1])
     }

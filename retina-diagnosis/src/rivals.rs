@@ -272,20 +272,15 @@ fn weigh(judgements: &mut [Judgement]) {
     }
 }
 
-/// The group whose mean error is furthest off: whitened errors along the roots of the weights are its level.
+/// The group whose mean error is furthest off.
 fn worst_level(fit: &Adjusted, weights: &Weights) -> (usize, f64) {
     let frame = Frame::weighted(&fit.data, &fit.base, weights.clone());
-    let n = fit.data.components();
     let mut worst = (0, 0.0);
     for (number, group) in fit.data.groups.iter().enumerate() {
-        let sum: f64 = weights.weight[group.rows.clone()].iter().sum();
-        for axis in 0..n {
-            let rows = group.rows.clone();
-            let along: f64 = rows.map(|row| weights.weight[row].sqrt() * frame.error[row * n + axis]).sum();
-            let sigmas = if sum > 0.0 { (along / sum.sqrt()).abs() } else { 0.0 };
-            if sigmas > worst.1 {
-                worst = (number, sigmas);
-            }
+        let level = weights.level(&fit.data, group.rows.clone()).of(&fit.data, weights, &frame.error);
+        let sigmas = level.abs().max_element();
+        if sigmas > worst.1 {
+            worst = (number, sigmas);
         }
     }
     worst

@@ -9,6 +9,7 @@
 
 use std::collections::HashMap;
 
+use glam::DVec2;
 use retina_formats::TableKind;
 
 use crate::data::{Baseline, Dataset};
@@ -52,7 +53,7 @@ pub struct Noise {
     pub(crate) shared_within: bool,
     /// Correlation of a group's common error with that of the next one in time.
     pub wander: f64,
-    /// How it grows towards the field's edge beyond what is stated (points).
+    /// How it changes over the field beyond what is stated, and along which direction (points).
     pub(crate) edge: Option<Edge>,
 }
 
@@ -72,7 +73,7 @@ impl Noise {
     /// How its rows are weighed.
     pub(crate) fn weigh(&self, data: &mut Dataset) {
         if let Some(edge) = &self.edge {
-            data.noise_key = edge.keys(data);
+            edge.tell(data);
         }
     }
 
@@ -121,7 +122,7 @@ pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
     let mut source = Vec::new();
     let regression = mean_square(weights);
     let [(within, _), (between, differences)] = neighbours(data, &fit.residual, weights);
-    let edge = differences.and_then(|(pairs, squares)| Edge::of(data, weights, &pairs, &squares));
+    let edge = differences.and_then(|(pairs, of)| Edge::of(data, weights, &pairs, &of));
     let jitter2 = weights.jitter_variance;
     let (white2, group2) = match (within, between) {
         (Some(within), Some(between)) => {
@@ -251,8 +252,8 @@ struct Difference {
     pairs: usize,
 }
 
-/// Pairs of rows, and the mean squares of their differences over those that the weights expect.
-type Differences = (Vec<(usize, usize)>, Vec<f64>);
+/// Pairs of rows, and their differences in sigmas that the weights expect.
+type Differences = (Vec<(usize, usize)>, Vec<DVec2>);
 
 /// Neighbours of one group, and of different groups.
 fn neighbours(
@@ -278,22 +279,23 @@ fn neighbours(
         if pairs.len() < FEWEST_PAIRS {
             return (None, None);
         }
-        let squares: Vec<f64> = pairs
+        let differences: Vec<DVec2> = pairs
             .iter()
             .map(|&(i, j)| {
-                let variance = weights.sigma[i].powi(2) + weights.sigma[j].powi(2);
+                let sigma = weights.sigma[i].hypot(weights.sigma[j]);
                 let axis = |a: usize| {
                     let own = |row: usize| residual[row * n + a] - level[group_of[row]][a];
-                    (own(i) - own(j)).powi(2) / variance
+                    if a < n { (own(i) - own(j)) / sigma } else { 0.0 }
                 };
-                (0..n).map(axis).sum::<f64>() / n as f64
+                DVec2::new(axis(0), axis(1))
             })
             .collect();
+        let squares: Vec<f64> = differences.iter().map(|d| d.length_squared() / n as f64).collect();
         let count = squares.len() as f64;
         let ratio = squares.iter().sum::<f64>() / count;
         let scatter = squares.iter().map(|s| (s - ratio).powi(2)).sum::<f64>() / (count - 1.0);
         let difference = Difference { ratio, error: (scatter / count).sqrt(), pairs: pairs.len() };
-        (Some(difference), (n == 2).then_some((pairs, squares)))
+        (Some(difference), (n == 2).then_some((pairs, differences)))
     })
 }
 

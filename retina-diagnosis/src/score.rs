@@ -351,11 +351,6 @@ impl<'d> Frame<'d> {
         }
         let n = self.data.kind.components();
         self.weights.unwhiten(self.data, &mut error);
-        for (row, values) in error.chunks_exact_mut(n).enumerate() {
-            let weight = self.weights.weight[row];
-            let root = if weight > 0.0 { weight.sqrt() } else { f64::INFINITY };
-            values.iter_mut().for_each(|value| *value /= root);
-        }
         HeldOut {
             loss,
             rms: self.weights.rms(n, &error),

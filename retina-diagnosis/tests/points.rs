@@ -317,24 +317,28 @@ fn threads_change_no_bit() {
 /// exposures that were bumped are outliers as a whole, and named.
 #[test]
 fn exposures_that_share_a_shift_are_no_outliers() {
+    let mut clean = 0;
     for seed in 0..6 {
+        let plain = Campaign::new(90 + seed).data(&setup(), &|p| p.r);
+        // One of them is a false alarm in time by itself.
+        if !diagnose(&plain, &[], &DiagnoseOptions { flips: 499, seed: 1 }).accepted.is_empty() {
+            continue;
+        }
+        clean += 1;
         let data = Campaign::new(90 + seed).data(&setup(), &|p| {
             let shift = if p.exposure >= 9 { DVec2::new(23.0, 45.0) } else { DVec2::ZERO };
             p.r + shift * ARCSEC
         });
         let found = diagnose(&data, &[], &DiagnoseOptions { flips: 499, seed: 1 });
-        // Seed 92 gives a false alarm in time, with the shifts and without.
-        let plain = Campaign::new(90 + seed).data(&setup(), &|p| p.r);
-        let plain = diagnose(&plain, &[], &DiagnoseOptions { flips: 499, seed: 1 });
-        let accepted = (found.accepted[0], found.accepted.len());
-        assert_eq!(accepted, ("knock", 1 + plain.accepted.len()), "{seed}: {:?}", found.accepted);
+        assert_eq!(found.accepted, ["knock"], "{seed}");
         let bumped = Campaign::new(90 + seed).data(&setup(), &|p| {
             let shift = if [11, 30].contains(&p.exposure) { DVec2::new(60.0, -80.0) } else { DVec2::ZERO };
             p.r + shift * ARCSEC
         });
         let found = diagnose(&bumped, &[], &DiagnoseOptions { flips: 499, seed: 1 });
-        assert_eq!(found.accepted, plain.accepted, "{seed}");
+        assert!(found.accepted.is_empty(), "{seed}: {:?}", found.accepted);
         let said = found.notes.iter().any(|note| note.contains("2 exposures are outliers: e011, e030"));
         assert!(said, "{:?}", found.notes);
     }
+    assert!(clean >= 4, "{clean}");
 }

@@ -17,6 +17,7 @@ use super::noise::{Robust, Weights};
 use super::observations::Observations;
 use super::physical::PhysicalFit;
 use super::select::{self, Rung};
+use super::uncertainty;
 
 /// What is asked of a calibration.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -43,8 +44,7 @@ pub struct GeometryCalibration {
     /// D^-1 with the coefficients of its terms (gamma of the paper) and rings, its range of L, and the L at which D is
     /// given.
     pub inverse: InverseDistortion,
-    /// Covariance of the coefficients of one axis (terms, then rings), row by row; those of the other axis have the same,
-    /// and the two are independent.
+    /// Covariance of the coefficients a (of the terms, then of the rings), and then of b in the same order, row by row.
     pub covariance: Vec<f64>,
     /// Standard deviation that the rings' coefficients had before any data, at the covariance's scale, tangent plane.
     pub rings_prior_sigma: f64,
@@ -186,13 +186,13 @@ pub fn calibrate(
         .collect();
     let n = basis.len();
     let matrix = basis.to_monomials();
-    let covariance = &matrix * &fit.covariance * matrix.transpose();
+    let covariance = uncertainty::covariance(&observations, &fit, &weights, reduced, &matrix);
     let physical = PhysicalFit::fit(&observations, &steady, &weights);
     Ok(GeometryCalibration {
         form,
         response: options.response.as_ref().map(|measured| measured.record.clone()),
         warnings: warnings(&inverse, setup),
-        covariance: (0..n * n).map(|at| reduced * covariance[(at / n, at % n)]).collect(),
+        covariance: (0..4 * n * n).map(|at| covariance[(at / (2 * n), at % (2 * n))]).collect(),
         rings_prior_sigma: RING_SIGMA * reduced.sqrt(),
         brightest_magnitude: magnitude_of_irradiance(response.brightest_w_m2_nm()),
         inverse,
@@ -377,7 +377,7 @@ fn results(
                 row: observations.row[i],
                 sight,
                 residual: residuals[i],
-                sigma: weights.sigma[i],
+                sigma: weights.variance(i).sqrt(),
                 log10_irradiance: observations.l[i],
                 error_arcsec: angle(residuals[i]),
                 heldout_arcsec: angle(heldout[i]),

@@ -24,8 +24,8 @@ pub(crate) struct Fit {
     pub(crate) basis: Basis,
     /// Coefficients (of x, of y) of the basis functions.
     pub(crate) coefficients: Vec<DVec2>,
-    /// (X^T V^-1 X)^-1: covariance of either axis's coefficients, rad^2.
-    pub(crate) covariance: Mat<f64>,
+    /// (X^T V^-1 X)^-1 of either axis, rad^2: the coefficients' covariance if V, which is the same along both axes, held.
+    pub(crate) inverse_normal: Mat<f64>,
 }
 
 /// Rows V^(-1/2) [X | y] of one exposure.
@@ -176,7 +176,7 @@ impl Fit {
             }
             coefficients[i] = sum / r[(i, i)];
         }
-        // R^-1, column by column; the covariance is R^-1 R^-T.
+        // R^-1, column by column; the normal matrix's inverse is R^-1 R^-T.
         let mut inverse = Mat::<f64>::zeros(n, n);
         for column in 0..n {
             inverse[(column, column)] = 1.0 / r[(column, column)];
@@ -185,8 +185,8 @@ impl Fit {
                 inverse[(i, column)] = -sum / r[(i, i)];
             }
         }
-        let covariance = &inverse * inverse.transpose();
-        Some(Self { basis: basis.clone(), coefficients, covariance })
+        let inverse_normal = &inverse * inverse.transpose();
+        Some(Self { basis: basis.clone(), coefficients, inverse_normal })
     }
 
     /// D^-1(r) at L for every observation.

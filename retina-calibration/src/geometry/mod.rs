@@ -27,6 +27,7 @@ mod recognise;
 mod record;
 mod report;
 mod select;
+mod uncertainty;
 mod warping;
 
 pub use calibrate::{CalibrateOptions, GeometryCalibration, PointResult, calibrate};

@@ -1,6 +1,8 @@
 //! Noise of the centroids: its dependence on brightness, common shifts of exposures, weights and outliers.
 
-use glam::DVec2;
+use std::ops::Range;
+
+use glam::{DMat2, DVec2};
 
 use super::observations::Observations;
 use crate::NoiseGroups;
@@ -10,6 +12,8 @@ use crate::NoiseGroups;
 const OUTLIER_SIGMAS: f64 = 4.5;
 /// Median of the length of a two-dimensional normal error, in sigmas of one axis: sqrt(2 ln 2).
 const MEDIAN_LENGTH: f64 = 1.177_41;
+/// Median of a normal error's size, in sigmas.
+const MEDIAN_SIZE: f64 = 0.674_49;
 /// 1e-6 arcsec, rad: exact data have no noise, and weights must stay finite.
 const LEAST_SIGMA: f64 = 5e-12;
 /// Huber's and Tukey's tuning constants for lengths in the plane: 95 % efficiency at the normal distribution.
@@ -30,11 +34,17 @@ pub(crate) enum Robust {
 pub(crate) struct Weights {
     /// Inverse variance per axis of each point, times its robust weight, rad^-2; 0: outlier.
     pub(crate) inverse_variance: Vec<f64>,
-    /// Standard deviation of each centroid per axis, rad.
-    pub(crate) sigma: Vec<f64>,
+    /// Standard deviation of each centroid towards the field's middle and across, rad: spots are long in one of the two.
+    pub(crate) sigma: Vec<DVec2>,
     /// Variance per axis of the common shift of an exposure, rad^2.
     pub(crate) jitter_variance: f64,
     pub(crate) outlier: Vec<bool>,
+}
+
+/// The directions away from the field's middle and across.
+fn outwards(sight: DVec2) -> DMat2 {
+    let out = sight.normalize_or(DVec2::X);
+    DMat2::from_cols(out, out.perp())
 }
 
 impl Weights {
@@ -42,7 +52,7 @@ impl Weights {
     pub(crate) fn equal(count: usize) -> Self {
         Self {
             inverse_variance: vec![1.0; count],
-            sigma: vec![1.0; count],
+            sigma: vec![DVec2::ONE; count],
             jitter_variance: 0.0,
             outlier: vec![false; count],
         }
@@ -57,7 +67,7 @@ impl Weights {
         let outlier: Vec<bool> = residuals.iter().map(|r| r.length() > 6.0 * sigma).collect();
         let inverse_variance =
             outlier.iter().map(|&out| if out { 0.0 } else { 1.0 / (sigma * sigma) }).collect();
-        Self { inverse_variance, sigma: vec![sigma; residuals.len()], jitter_variance: 0.0, outlier }
+        Self { inverse_variance, sigma: vec![DVec2::splat(sigma); residuals.len()], jitter_variance: 0.0, outlier }
     }
 
     /// Factor kappa by which the weighted mean of an exposure's rows is taken off them, so that errors with a common
@@ -77,40 +87,55 @@ impl Weights {
         robust: Robust,
     ) {
         let shifts = self.estimate_shifts(observations, residuals, steady);
-        let length: Vec<f64> = observations
+        let own = observations
             .exposures
             .iter()
             .zip(&shifts)
-            .flat_map(|((_, range), shift)| {
-                residuals[range.clone()].iter().map(move |r| (*r - *shift).length())
-            })
-            .collect();
+            .flat_map(|((_, range), shift)| range.clone().map(move |i| (i, residuals[i] - *shift)));
+        let error: Vec<DVec2> =
+            own.map(|(i, error)| outwards(observations.sight[i]).transpose() * error).collect();
+        let distance: Vec<f64> = observations.sight.iter().map(|sight| sight.length()).collect();
         let groups = NoiseGroups {
-            rows: 200,
+            rows: 100,
             fitted: (columns + shifts.len()) as f64,
-            median_of_normal: MEDIAN_LENGTH,
+            median_of_normal: MEDIAN_SIZE,
             least: LEAST_SIGMA,
         };
-        self.sigma = groups.sigmas(&observations.noise_key, &length, &self.outlier);
-        // Long spots at the edge of the field scatter by more than they state: by the ratio to all spots' scatter.
-        let left: Vec<f64> = length.iter().zip(&self.sigma).map(|(length, sigma)| length / sigma).collect();
-        let distance: Vec<f64> = observations.sight.iter().map(|sight| sight.length()).collect();
-        let rings = NoiseGroups { fitted: 0.0, least: 1e-3, ..groups };
-        let all = NoiseGroups { rows: left.len().max(1), ..rings };
-        let overall = all.sigmas(&distance, &left, &self.outlier);
-        for (i, ring) in rings.sigmas(&distance, &left, &self.outlier).into_iter().enumerate() {
-            self.sigma[i] = (self.sigma[i] * ring / overall[i]).max(LEAST_SIGMA);
-        }
-        for i in 0..length.len() {
-            let t = length[i] / self.sigma[i];
+        let along = |axis: fn(&DVec2) -> f64| {
+            let size: Vec<f64> = error.iter().map(|error| axis(error).abs()).collect();
+            groups.sigmas_in_field(&observations.noise_key, &distance, &size, &self.outlier)
+        };
+        let (radial, tangential) = (along(|e| e.x), along(|e| e.y));
+        self.sigma = radial.into_iter().zip(tangential).map(DVec2::from).collect();
+        for (i, error) in error.iter().enumerate() {
+            let t = (*error / self.sigma[i]).length();
             self.outlier[i] = t > OUTLIER_SIGMAS;
             let factor = match robust {
                 Robust::Huber => (HUBER / t).min(1.0),
                 Robust::Tukey => (1.0 - (t / TUKEY).powi(2)).max(0.0).powi(2),
                 Robust::Cut => f64::from(u8::from(!self.outlier[i])),
             };
-            self.inverse_variance[i] = factor / (self.sigma[i] * self.sigma[i]);
+            self.inverse_variance[i] = factor / self.variance(i);
         }
+    }
+
+    /// The common shift of an exposure's points, shrunk by what their noise leaves uncertain.
+    fn shift_of(&self, residuals: &[DVec2], points: Range<usize>) -> DVec2 {
+        let sum: f64 = self.inverse_variance[points.clone()].iter().sum();
+        let mean: DVec2 = points.map(|i| residuals[i] * self.inverse_variance[i]).sum();
+        mean * (self.jitter_variance / (1.0 + self.jitter_variance * sum))
+    }
+
+    /// Of a point, the mean of its axes, rad^2.
+    pub(crate) fn variance(&self, point: usize) -> f64 {
+        0.5 * self.sigma[point].length_squared()
+    }
+
+    /// Covariance of a point's error, x and y, rad^2.
+    pub(crate) fn covariance(&self, observations: &Observations, point: usize) -> DMat2 {
+        let turn = outwards(observations.sight[point]);
+        let sigma = self.sigma[point];
+        turn * DMat2::from_diagonal(sigma * sigma) * turn.transpose()
     }
 
     /// Moment estimate of the shifts' variance (R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986, eq. 8),
@@ -134,12 +159,11 @@ impl Weights {
         let free = means.len() as f64 - 1.0 - steady as f64;
         let total: f64 = means.iter().map(|(sum, _)| sum).sum();
         let squares: f64 = means.iter().map(|(sum, _)| sum * sum).sum();
-        let known = self.sigma.iter().any(|&sigma| sigma != 1.0);
+        let known = self.sigma.iter().any(|&sigma| sigma != DVec2::ONE);
         let spread: f64 = means.iter().map(|(sum, mean)| sum * mean.length_squared() / 2.0).sum();
         let scale = total - squares / total;
         self.jitter_variance =
             if known && free >= 1.0 && scale > 0.0 { ((spread - free) / scale).max(0.0) } else { 0.0 };
-        let variance = self.jitter_variance;
-        means.iter().map(|(sum, mean)| *mean * (variance * sum / (1.0 + variance * sum))).collect()
+        observations.exposures.iter().map(|(_, range)| self.shift_of(residuals, range.clone())).collect()
     }
 }

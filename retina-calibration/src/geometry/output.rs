@@ -63,7 +63,11 @@ fn physical_json(physical: &PhysicalFit, setup: &Setup) -> Value {
 pub fn to_json(result: &GeometryCalibration, setup: &Setup) -> Value {
     let inverse = &result.inverse;
     let n = inverse.columns();
-    let sigma = |i: usize| result.covariance[i * n + i].sqrt();
+    // Of a coefficient, the mean of x and y: the file has both and what they share.
+    let covariance = |i: usize, j: usize| {
+        0.5 * (result.covariance[i * 2 * n + j] + result.covariance[(n + i) * 2 * n + n + j])
+    };
+    let sigma = |i: usize| covariance(i, i).sqrt();
     let terms = inverse.terms.iter().enumerate();
     let mut coefficients: Vec<Value> = terms
         .map(|(row, ([i, j, k], c))| json!({ "i": i, "j": j, "k": k, "a": c.x, "b": c.y, "sigma": sigma(row) }))
@@ -113,7 +117,7 @@ pub fn to_json(result: &GeometryCalibration, setup: &Setup) -> Value {
             })
         }),
         "coefficients": coefficients,
-        "covariance": result.covariance.chunks(n).map(<[f64]>::to_vec).collect::<Vec<_>>(),
+        "covariance": (0..n).map(|i| (0..n).map(|j| covariance(i, j)).collect()).collect::<Vec<Vec<f64>>>(),
         "direct": { "degree": result.direct.degree, "inverse_error_arcsec": result.direct.worst_arcsec, "inverse_error_rms_arcsec": result.direct.rms_arcsec },
         "physical": result.physical.as_ref().map(|physical| physical_json(physical, setup)),
         "ladder": ladder,

@@ -68,7 +68,7 @@ impl GeometryCalibration {
                 terms: field.coefficients.chunks(2).map(|c| [c[0].x, c[1].x, c[0].y, c[1].y]).collect(),
             }),
         });
-        file.covariance = Some(CovarianceRecord::of_matrix(&self.covariance, inverse.columns()));
+        file.covariance = Some(CovarianceRecord::of_matrix(&self.covariance, 2 * inverse.columns()));
     }
 }
 

@@ -159,6 +159,7 @@ impl Dataset {
             saturated: pixels.saturated,
             covariates: pixels.covariates.clone(),
             noise_key: pixels.noise_key.clone(),
+            isotropic_from_error: None,
             // Noise of pixels is their own: tiles have no common error.
             jitters: false,
             flip: Flip::Groups,

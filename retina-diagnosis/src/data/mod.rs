@@ -20,6 +20,7 @@ pub use lens::{FittedLens, lens_of_fit};
 pub(crate) use phase::lambert_magnitude;
 pub use read::{Baseline, Source};
 pub(crate) use retina_geometry::ARCSEC_PER_RAD;
+use glam::DMat2;
 use retina_geometry::DisplayRays;
 
 use retina_formats::{Channel, TableKind};
@@ -113,6 +114,8 @@ pub struct Dataset {
     pub covariates: Vec<Covariate>,
     /// ln of a quantity that the noise depends on.
     pub(crate) noise_key: Vec<f64>,
+    /// For each row (points): what makes the scatter of its error the same along both axes and keeps its mean square.
+    pub(crate) isotropic_from_error: Option<Vec<DMat2>>,
     /// Whether the groups are the same setting repeated or single rows: they then have no common error.
     pub(crate) jitters: bool,
     /// What a draw from the null gives one sign.
@@ -228,6 +231,7 @@ impl Dataset {
                 .map(|c| Covariate { name: c.name.clone(), values: of(rows, &c.values) })
                 .collect(),
             noise_key: of(rows, &self.noise_key),
+            isotropic_from_error: self.isotropic_from_error.as_ref().map(|isotropic| of(rows, isotropic)),
             stated: self.stated.as_ref().map(|stated| of(rows, stated)),
             channel: of(rows, &self.channel),
             mounting: of(rows, &self.mounting),
@@ -241,6 +245,11 @@ impl Dataset {
             lens: self.lens.clone(),
             ..*self
         }
+    }
+
+    /// What makes a row's error isotropic.
+    pub(crate) fn isotropic(&self, row: usize) -> DMat2 {
+        self.isotropic_from_error.as_ref().map_or(DMat2::IDENTITY, |isotropic| isotropic[row])
     }
 
     /// The error of a calibration that is held fixed.

@@ -136,6 +136,7 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
         saturated: 0,
         covariates: all,
         noise_key,
+        isotropic_from_error: None,
         jitters: !by_setting,
         flip: Flip::Groups,
         wander: 0.0,

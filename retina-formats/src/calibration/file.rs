@@ -100,7 +100,8 @@ pub struct RingsRecord {
 }
 
 /// Covariance of the coefficients a, in the order of the inverse's terms and then of its rings (a_x, a_y of the first, of
-/// the second, ...), and again of b; a and b are independent.
+/// the second, ...), and then of b in the same order. With half as many rows it is that of a, and again of b, and the two
+/// are independent.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CovarianceRecord {
@@ -320,7 +321,7 @@ impl CalibrationFile {
             }
         }
         if let Some(covariance) = &self.covariance {
-            text.push_str("\n# Covariance of the coefficients a in the order of inverse.terms, then of the rings (a_x, a_y of each), and again of b;\n# a and b are independent.\n");
+            text.push_str("\n# Covariance of the coefficients a in the order of inverse.terms, then of the rings (a_x, a_y of each), and then of b\n# in the same order.\n");
             text.push_str("# The matrix's lower triangle, row by row; all digits, since polynomials and rings are nearly dependent.\n[covariance]\nlower_triangle = [\n");
             let mut rest = covariance.lower_triangle.as_slice();
             for row in 1.. {

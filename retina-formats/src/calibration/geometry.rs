@@ -24,8 +24,8 @@ pub struct Calibration {
     pub distortion: Distortion,
     /// D^-1 as it was fitted, for points of light; absent in calibrations that state D alone.
     pub inverse: Option<InverseDistortion>,
-    /// Covariance of the coefficients a of the inverse's terms and then of its rings, and again of b, row by row; absent
-    /// where the file has none.
+    /// Covariance of the coefficients a of the inverse's terms and then of its rings, and then of b in the same order, row
+    /// by row; absent where the file has none.
     pub covariance: Option<Vec<f64>>,
     /// The display's measured response; absent where the setup's power law holds.
     pub response: Option<MeasuredResponse>,
@@ -169,24 +169,33 @@ fn check_provenance(path: &Path, file: &CalibrationFile, setup: &Setup) -> Resul
     Ok(())
 }
 
-/// The whole matrix, row by row.
+/// The whole matrix, a before b, row by row.
 fn matrix(path: &Path, record: CovarianceRecord, terms: usize) -> Result<Vec<f64>, InputError> {
     let triangle = record.lower_triangle;
     let refused = |problem: &str| InputError::new(path, problem).at("key `covariance.lower_triangle`");
-    if triangle.len() != terms * (terms + 1) / 2 {
+    let numbers = |rows: usize| rows * (rows + 1) / 2;
+    let equal = triangle.len() == numbers(terms);
+    if !equal && triangle.len() != numbers(2 * terms) {
         return Err(refused("is no covariance of the inverse's coefficients")
             .found(format!("{} numbers", triangle.len()))
-            .expected(format!("{} for {terms} coefficients", terms * (terms + 1) / 2)));
+            .expected(format!(
+                "{} for {terms} coefficients a and as many b, or {} if both are alike",
+                numbers(2 * terms),
+                numbers(terms)
+            )));
     }
-    let mut out = vec![0.0; terms * terms];
+    let side = 2 * terms;
+    let mut out = vec![0.0; side * side];
     let mut next = triangle.into_iter();
-    for row in 0..terms {
+    for row in 0..if equal { terms } else { side } {
         for (column, value) in (0..=row).zip(&mut next) {
             if !value.is_finite() || (row == column && value < 0.0) {
                 return Err(refused("holds a number that is no covariance").found(value));
             }
-            out[row * terms + column] = value;
-            out[column * terms + row] = value;
+            for first in if equal { vec![0, terms] } else { vec![0] } {
+                out[(first + row) * side + first + column] = value;
+                out[(first + column) * side + first + row] = value;
+            }
         }
     }
     Ok(out)
