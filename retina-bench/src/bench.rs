@@ -279,7 +279,8 @@ impl Bench {
 }
 
 /// Area of the camera's entrance pupil, m^2.
-fn pupil_area_m2(setup: &Setup) -> f64 {
+/// Of the camera, from focal length and f-number.
+pub(crate) fn pupil_area_m2(setup: &Setup) -> f64 {
     let diameter_m = setup.camera.focal_mm * 1e-3 / setup.camera.f_number;
     std::f64::consts::PI / 4.0 * diameter_m * diameter_m
 }

@@ -17,6 +17,7 @@ mod hash;
 mod imperfections;
 mod noise;
 mod optics;
+mod prediction;
 mod sensor;
 
 pub use bench::{Bench, BenchOptions, CameraFrame, Exposure};
@@ -25,6 +26,7 @@ pub use error::BenchError;
 pub use imperfections::{GroupOffset, Imperfections, Objective, ScreenPlacement};
 pub use optics::{
     BenchOptics, CameraPose, ExposurePose, Landed, OpticsDetail, PointImage, SceneLight, Source,
-    channel_lines, display_rays, facility_system,
+    channel_lines, facility_system, spot_shifts,
 };
+pub use prediction::Prediction;
 pub use sensor::Sensor;

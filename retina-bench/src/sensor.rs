@@ -1,7 +1,7 @@
 //! The sensor: light to electrons to digital numbers.
 
 use rayon::prelude::*;
-use retina_geometry::Setup;
+use retina_geometry::{NoiseSetup, Setup};
 use retina_radiometry::QuantumEfficiency;
 use retina_simd::{Kernel, Level, whole_number};
 
@@ -37,6 +37,11 @@ pub struct Sensor {
     stray_e_s: [f64; 3],
 }
 
+/// The setup's quantum efficiency, by default that of the paper's camera.
+pub(crate) fn efficiency_of(noise: &NoiseSetup) -> QuantumEfficiency {
+    noise.quantum_efficiency.clone().map_or_else(QuantumEfficiency::paper_camera, QuantumEfficiency::new)
+}
+
 impl Sensor {
     /// The setup's sensor; `seed` fixes its patterns.
     pub fn new(setup: &Setup, wrong: &Imperfections, seed: u64) -> Self {
@@ -54,10 +59,7 @@ impl Sensor {
                 noise.dark_e_s
             }
         };
-        let efficiency = match &noise.quantum_efficiency {
-            None => QuantumEfficiency::paper_camera(),
-            Some(rows) => QuantumEfficiency::new(rows.clone()),
-        };
+        let efficiency = efficiency_of(noise);
         let base_e_per_dn =
             noise.gain_e_per_dn.unwrap_or(noise.full_well_e / (largest_dn - noise.offset_dn).max(1.0));
         Self {

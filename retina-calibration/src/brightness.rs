@@ -37,7 +37,13 @@ impl NoiseGroups {
     /// Standard deviation of each row by its brightness, from rows at a like `distance` from the field's middle; log-linear
     /// between those rings, level beyond. The field changes how the noise follows the light: where spots are long, bright
     /// ones scatter by more than their photons.
-    pub fn sigmas_in_field(&self, key: &[f64], distance: &[f64], length: &[f64], outlier: &[bool]) -> Vec<f64> {
+    pub fn sigmas_in_field(
+        &self,
+        key: &[f64],
+        distance: &[f64],
+        length: &[f64],
+        outlier: &[bool],
+    ) -> Vec<f64> {
         let mut order: Vec<usize> = (0..key.len()).filter(|&i| !outlier[i]).collect();
         if order.is_empty() {
             order = (0..key.len()).collect();

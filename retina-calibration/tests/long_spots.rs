@@ -23,11 +23,8 @@ fn the_covariance_knows_along_from_across() {
         jitter_arcsec: 0.5,
         ..LIKELY
     };
-    let options = CalibrateOptions {
-        form: Some(ModelForm::plain(5)),
-        plain: true,
-        ..CalibrateOptions::default()
-    };
+    let options =
+        CalibrateOptions { form: Some(ModelForm::plain(5)), plain: true, ..CalibrateOptions::default() };
     let mut ratio = DVec2::ZERO;
     const CAMPAIGNS: u64 = 120;
     for seed in 0..CAMPAIGNS {

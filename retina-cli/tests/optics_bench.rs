@@ -68,6 +68,12 @@ fn a_designs_setup_is_read_back() {
         let m = document["magnification"].as_f64().unwrap();
         assert!((m + if match_by == "height" { 0.783 } else { 0.694 }).abs() < 5e-4, "{m}");
         assert!(document["margins"]["total_length_mm"].as_f64().unwrap() > 0.0);
+        // A display's row over the camera's 1536 by what the camera sees of it; brighter by longer focal lengths.
+        let prediction = &document["prediction"];
+        let across = prediction["screen_pixel_camera_px"].as_f64().unwrap();
+        assert!((across - 1536.0 / rows).abs() < 1e-3, "{across}");
+        let [white, faintest] = [0, 1].map(|k| prediction["displayed_magnitudes"][k].as_f64().unwrap());
+        assert!((faintest - white - 2.5 * 2.2 * 255f64.log10()).abs() < 1e-9);
         assert!(std::fs::read_to_string(&svg).unwrap().contains("s_oc"));
     }
 }

@@ -158,7 +158,9 @@ impl HeldModel {
         let kept: Vec<usize> = (0..2 * k).rev().filter(|&i| s[i] > LEAST * largest).collect();
         let weights: Vec<Vec<DVec2>> = kept
             .iter()
-            .map(|&i| (0..n).map(|t| DVec2::new(weights[(t, i)], weights[(n + t, i)]) / s[i].sqrt()).collect())
+            .map(|&i| {
+                (0..n).map(|t| DVec2::new(weights[(t, i)], weights[(n + t, i)]) / s[i].sqrt()).collect()
+            })
             .collect();
         let of_row = |row: usize| -> Vec<DVec2> {
             let values = values(row);

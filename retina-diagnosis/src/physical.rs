@@ -55,7 +55,7 @@ impl Along {
 /// `parameters` are the effect's own, `k1_arcsec` the baseline's radial term where it is fitted.
 ///
 /// A camera turned by tau moves a line of sight u (tangents) by -tau (u . e) u, which in units of half the camera's width
-/// w is tau w^2; a display turned by tau by k tau (u . e) u, k from rays ([`retina_geometry::DisplayRays`]).
+/// w is tau w^2; a display turned by tau by k tau (u . e) u, k from rays ([`retina_geometry::SpotShifts`]).
 /// A roll by rho moves the edge by rho w, a focal length that is longer by a part eps by eps w.
 pub(crate) fn physical(
     data: &Dataset,

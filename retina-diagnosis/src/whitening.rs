@@ -152,8 +152,7 @@ impl Weights {
                 continue;
             }
             let white = levels[g].of(data, self, column);
-            let level =
-                before.map_or(white, |before| (1.0 - rho * rho).sqrt() * white + rho * before);
+            let level = before.map_or(white, |before| (1.0 - rho * rho).sqrt() * white + rho * before);
             levels[g].add(data, self, column, level - white);
             before = Some(level);
         }

@@ -174,7 +174,8 @@ fn a_calibration_is_read_by_its_own_response() {
                 let off = (inverse.undistort(at, l) - u) / ARCSEC;
                 let mut values = vec![0.0; side];
                 inverse.fill(at, l, &mut values);
-                let term = |i: usize, j: usize| values[i % side] * covariance[2 * side * i + j] * values[j % side];
+                let term =
+                    |i: usize, j: usize| values[i % side] * covariance[2 * side * i + j] * values[j % side];
                 let variance = |axis: usize| -> f64 {
                     (0..side * side).map(|k| term(axis * side + k / side, axis * side + k % side)).sum()
                 };

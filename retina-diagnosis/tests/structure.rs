@@ -7,7 +7,7 @@ mod common;
 use common::{ARCSEC, Campaign, Point, setup};
 use glam::DVec2;
 use retina_diagnosis::{AddedEffect, DiagnoseOptions, Diagnosis, Verdict, compare, diagnose, fit};
-use retina_geometry::{DEPTHS_MM, DisplayRays, RADIAL_KNOTS, RadialTable};
+use retina_geometry::{DEPTHS_MM, RADIAL_KNOTS, RadialTable, SpotShifts};
 
 const OPTIONS: DiagnoseOptions = DiagnoseOptions { flips: 999, seed: 1 };
 
@@ -107,12 +107,12 @@ fn air_in_few_exposures_is_undecided() {
 fn a_tilt_comes_in_degrees_with_its_side() {
     let tan = 0.2f64.to_radians().tan();
     let data = Campaign::new(9).data(&setup(), &|p: &Point| p.r / (1.0 + tan * p.r.x));
-    let pinhole = DisplayRays {
+    let pinhole = SpotShifts {
         height_mm: [50.0, 0.0, 0.0],
         per_depth: [RadialTable { half_tan: 1.0, values: [-0.02; RADIAL_KNOTS] }; 4],
         coma: None,
     };
-    let found = diagnose(&data.with_display_rays(pinhole), &[], &OPTIONS);
+    let found = diagnose(&data.with_spot_shifts(pinhole), &[], &OPTIONS);
     let tilt = found.physical[0].as_ref().unwrap();
     assert!(tilt.unit == "deg" && (tilt.value - 0.2).abs() < 3.0 * tilt.sigma + 0.005, "{tilt:?}");
     let back = match found.accepted[0] {
@@ -128,7 +128,7 @@ fn a_tilt_comes_in_degrees_with_its_side() {
 fn a_deep_bow_is_traced_at_its_depth() {
     let gain = |z: f64| -0.02 + 0.06 * z - 0.3 * z * z;
     let per_depth = DEPTHS_MM.map(|z| RadialTable { half_tan: 1.0, values: [gain(z); RADIAL_KNOTS] });
-    let lens = DisplayRays { height_mm: [50.0, 0.0, 0.0], per_depth, coma: None };
+    let lens = SpotShifts { height_mm: [50.0, 0.0, 0.0], per_depth, coma: None };
     let camera = setup().camera_pinhole();
     let half_tan = 0.5 * f64::from(camera.width_px) / camera.fx_px;
     let data = Campaign::new(12).data(&setup(), &|p: &Point| {
@@ -136,7 +136,7 @@ fn a_deep_bow_is_traced_at_its_depth() {
         let z = 0.08 * (at.x * at.x - at.y * at.y);
         p.r * (1.0 + gain(z) * z)
     });
-    let found = diagnose(&data.with_display_rays(lens), &[], &OPTIONS);
+    let found = diagnose(&data.with_spot_shifts(lens), &[], &OPTIONS);
     assert_eq!(found.accepted, ["screen_bow"], "{:?}", found.unexplained.covariates);
     let bow = found.physical[0].as_ref().unwrap();
     // In proportion it would be 75.7 um. Distortion (2 % here) is not in this display's place.

@@ -9,7 +9,7 @@
 //! - [`Distortion`]: D, what the facility does to a line of sight, and its inverse.
 //! - [`InverseDistortion`]: the calibrated D^-1, which depends on the irradiance of a point.
 //! - [`Lens`]: models of wide fields, as OpenCV and mrcal define them.
-//! - [`DisplayRays`]: what the display's depth does to a line of sight.
+//! - [`SpotShifts`]: what the display's depth does to a line of sight.
 //! - [`WarpMap`]: which source position an output pixel reads, upstream and downstream.
 //! - [`ScreenLimits`]: what a display must not be asked to show.
 //! - [`limb_ellipse`]: the outline of a sphere or ellipsoid in a pinhole image.
@@ -19,7 +19,6 @@ pub const ARCSEC_PER_RAD: f64 = 206_264.806_247_096_36;
 
 mod bench_setup;
 mod cubic;
-mod display_rays;
 mod distortion;
 mod inverse;
 mod lens_models;
@@ -28,11 +27,11 @@ mod limits;
 mod pinhole;
 mod rings;
 mod setup;
+mod spot_shifts;
 mod warp;
 
 pub use bench_setup::{NoiseSetup, OpticsSetup};
 pub use cubic::cubic_shares;
-pub use display_rays::{COMAS_MM, ComaRays, DEPTHS_MM, DisplayRays, RADIAL_KNOTS, RadialTable};
 pub use distortion::{Distortion, DistortionError, MAX_DEGREE, term_count};
 pub use inverse::{CalibratedField, InverseDistortion, InverseTerm, RingField};
 pub use lens_models::{Lens, LensImage, LensModel, MOST_COEFFICIENTS, OutOfDomain};
@@ -41,4 +40,5 @@ pub use limits::ScreenLimits;
 pub use pinhole::Pinhole;
 pub use rings::Rings;
 pub use setup::{CameraSetup, FacilitySetup, Intrinsics, ResponseSetup, ScreenSetup, Setup};
+pub use spot_shifts::{COMAS_MM, ComaShifts, DEPTHS_MM, RADIAL_KNOTS, RadialTable, SpotShifts};
 pub use warp::{WarpDirection, WarpMap};

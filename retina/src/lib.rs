@@ -57,6 +57,7 @@ pub mod starting;
 pub mod workbench;
 
 pub use retina_assets as assets;
+pub use retina_basilisk as basilisk;
 pub use retina_batch as batch;
 pub use retina_bench as bench;
 pub use retina_calibration as calibration;

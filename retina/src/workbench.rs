@@ -9,7 +9,7 @@ use retina_formats::{
     Calibration, CalibrationFile, Measurements, PointsTable, RadiometricCalibration, TableKind,
 };
 use retina_frames::{FrameSet, FramesSource, diagnose_frames};
-use retina_geometry::{DisplayRays, Setup};
+use retina_geometry::{Setup, SpotShifts};
 use retina_investigation::{Investigation, Options, investigate};
 
 /// Measurements: tables in files, or one made in memory.
@@ -86,7 +86,7 @@ pub struct TableMaterial {
     pub data: Dataset,
     baseline: Baseline,
     /// The chief rays at the display, of points where the setup's lenses can be traced.
-    rays: Option<DisplayRays>,
+    rays: Option<SpotShifts>,
 }
 
 impl TableMaterial {
@@ -103,7 +103,7 @@ impl TableMaterial {
             baseline: self.baseline,
         })?;
         Ok(match self.rays {
-            Some(rays) => data.with_display_rays(rays),
+            Some(rays) => data.with_spot_shifts(rays),
             None => data,
         })
     }
@@ -219,20 +219,20 @@ impl Input {
             }
         }
         if let Some(rays) = rays {
-            data = data.with_display_rays(rays);
+            data = data.with_spot_shifts(rays);
         }
         Ok(TableMaterial { setup, tables, calibration, data, baseline, rays })
     }
 }
 
 /// What the facility's lenses make of the display's depth, and of coma.
-fn lenses(setup: &Setup, with_coma: bool) -> Result<DisplayRays, retina_bench::BenchError> {
+fn lenses(setup: &Setup, with_coma: bool) -> Result<SpotShifts, retina_bench::BenchError> {
     let camera = setup.camera_pinhole();
     let corner = glam::DVec2::new(
         f64::from(camera.width_px) / camera.fx_px,
         f64::from(camera.height_px) / camera.fy_px,
     );
-    retina_bench::display_rays(setup, 0.5 * corner.length(), with_coma)
+    retina_bench::spot_shifts(setup, 0.5 * corner.length(), with_coma)
 }
 
 /// An effect that the model already has.

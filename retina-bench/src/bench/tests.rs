@@ -314,7 +314,7 @@ fn depth_moves_spots_as_the_workbench_has_it() {
         found(&Bench::new(&setup, &options).unwrap(), [255; 3])
     };
     let pinhole = setup.camera_pinhole();
-    let rays = crate::display_rays(&setup, 0.175, false).unwrap();
+    let rays = crate::spot_shifts(&setup, 0.175, false).unwrap();
     let focused = at_depth(0.0);
     let tangent = |seen: [f64; 2]| pinhole.line_of_sight(glam::DVec2::from(seen)).length();
     for (depth_mm, limit) in [(-0.1, 0.04), (0.02, 0.06), (0.1, 0.06)] {
@@ -339,7 +339,7 @@ fn coma_moves_spots_as_the_workbench_has_it() {
     let detail = OpticsDetail { lines: 1, ..OpticsDetail::default() };
     let pinhole = setup.camera_pinhole();
     let half_width = 0.5 * 2048.0 / pinhole.fx_px;
-    let rays = crate::display_rays(&setup, 0.175, true).unwrap().coma.unwrap();
+    let rays = crate::spot_shifts(&setup, 0.175, true).unwrap().coma.unwrap();
     let with_coma = |path_mm: f64| {
         let mut options = BenchOptions { detail, ..BenchOptions::default() };
         options.wrong.objective.coma_mm = path_mm / half_width;

@@ -2,7 +2,7 @@
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 use rayon::prelude::*;
-use retina_geometry::{COMAS_MM, ComaRays, DEPTHS_MM, DisplayRays, RADIAL_KNOTS, RadialTable, Setup};
+use retina_geometry::{COMAS_MM, ComaShifts, DEPTHS_MM, RADIAL_KNOTS, RadialTable, Setup, SpotShifts};
 use retina_optics::facility::{
     COMA, KernelFrame, KernelGrid, SlopeFit, SpectralLine, WAVEFRONT_TERMS, Wavefront, clear_kernel,
 };
@@ -32,7 +32,7 @@ const STEP: f64 = 1e-4;
 ///
 /// # Errors
 /// As [`facility_system`]; a ray that does not arrive.
-pub fn display_rays(setup: &Setup, half_tan: f64, with_coma: bool) -> Result<DisplayRays, BenchError> {
+pub fn spot_shifts(setup: &Setup, half_tan: f64, with_coma: bool) -> Result<SpotShifts, BenchError> {
     let system = facility_system(setup)?;
     let launcher = Launcher::new(&system)?;
     let wavelength = &setup.screen.wavelength_nm;
@@ -58,10 +58,10 @@ pub fn display_rays(setup: &Setup, half_tan: f64, with_coma: bool) -> Result<Dis
     let table =
         |of: &dyn Fn(&Response) -> f64| RadialTable::new(half_tan, std::array::from_fn(|k| of(&knots[k])));
     let of_coma = |of: &dyn Fn(&ComaResponse) -> f64| table(&|knot| knot.coma.as_ref().map_or(0.0, of));
-    Ok(DisplayRays {
+    Ok(SpotShifts {
         height_mm: heights(half_tan, &knots),
         per_depth: std::array::from_fn(|k| table(&|knot| knot.per_depth[k])),
-        coma: with_coma.then(|| ComaRays {
+        coma: with_coma.then(|| ComaShifts {
             tangent_per_coma: std::array::from_fn(|k| of_coma(&|coma| coma.tangent_per_coma[k])),
             coma_per_depth: std::array::from_fn(|k| of_coma(&|coma| coma.coma_per_depth[k])),
             tangent_per_even_coma: [0, 1].map(|k| of_coma(&|coma| coma.tangent_per_even_coma[k])),
@@ -75,12 +75,12 @@ struct Response {
     tangent: f64,
     /// Height on the display over it, mm.
     height_over_tangent_mm: f64,
-    /// See [`DisplayRays`].
+    /// See [`SpotShifts`].
     per_depth: [f64; DEPTHS_MM.len()],
     coma: Option<ComaResponse>,
 }
 
-/// See [`ComaRays`].
+/// See [`ComaShifts`].
 struct ComaResponse {
     tangent_per_coma: [f64; COMAS_MM.len()],
     coma_per_depth: [f64; COMAS_MM.len()],

@@ -16,6 +16,9 @@ const MEDIAN_LENGTH: f64 = 1.177_41;
 const MEDIAN_SIZE: f64 = 0.674_49;
 /// 1e-6 arcsec, rad: exact data have no noise, and weights must stay finite.
 const LEAST_SIGMA: f64 = 5e-12;
+/// No spot is so long that it scatters across by less than this part of what it scatters along. In exact data one direction
+/// may not scatter at all.
+const LEAST_ASPECT: f64 = 0.1;
 /// Huber's and Tukey's tuning constants for lengths in the plane: 95 % efficiency at the normal distribution.
 const HUBER: f64 = 1.7;
 const TUKEY: f64 = 5.1;
@@ -67,7 +70,12 @@ impl Weights {
         let outlier: Vec<bool> = residuals.iter().map(|r| r.length() > 6.0 * sigma).collect();
         let inverse_variance =
             outlier.iter().map(|&out| if out { 0.0 } else { 1.0 / (sigma * sigma) }).collect();
-        Self { inverse_variance, sigma: vec![DVec2::splat(sigma); residuals.len()], jitter_variance: 0.0, outlier }
+        Self {
+            inverse_variance,
+            sigma: vec![DVec2::splat(sigma); residuals.len()],
+            jitter_variance: 0.0,
+            outlier,
+        }
     }
 
     /// Factor kappa by which the weighted mean of an exposure's rows is taken off them, so that errors with a common
@@ -106,7 +114,8 @@ impl Weights {
             groups.sigmas_in_field(&observations.noise_key, &distance, &size, &self.outlier)
         };
         let (radial, tangential) = (along(|e| e.x), along(|e| e.y));
-        self.sigma = radial.into_iter().zip(tangential).map(DVec2::from).collect();
+        let both = radial.into_iter().zip(tangential).map(DVec2::from);
+        self.sigma = both.map(|sigma| sigma.max(DVec2::splat(LEAST_ASPECT * sigma.max_element()))).collect();
         for (i, error) in error.iter().enumerate() {
             let t = (*error / self.sigma[i]).length();
             self.outlier[i] = t > OUTLIER_SIGMAS;

@@ -9,7 +9,7 @@ use retina_corto::{Pose, Server, World};
 use retina_files::InputError;
 use retina_radiometry::AU_M;
 use retina_scene::{FrameChecks, RadianceScale, Scene, SceneFrame};
-use retina_sky::Trajectory;
+use retina_sky::{FramePose, Trajectory};
 
 use super::Rendering;
 use crate::failure::Failure;
@@ -22,7 +22,7 @@ pub(super) struct Listening {
     ///
     /// Anyone who can reach it can request images.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
-    listen: IpAddr,
+    pub(super) listen: IpAddr,
     /// UDP port for poses; 0 takes any free port.
     #[arg(long, value_name = "PORT", default_value_t = 51_001)]
     pose_port: u16,
@@ -121,7 +121,12 @@ impl Live {
 
     /// The frame of a pose, and its image as a PNG.
     pub(super) fn pose(&mut self, world: &World, pose: &Pose) -> Result<(SceneFrame, Vec<u8>), String> {
-        self.scene.trajectory = Trajectory::new(Path::new("the pose"), vec![world.frame(pose)]);
+        self.frame(world.frame(pose))
+    }
+
+    /// A frame that is given as it is, and its image as a PNG.
+    pub(super) fn frame(&mut self, pose: FramePose) -> Result<(SceneFrame, Vec<u8>), String> {
+        self.scene.trajectory = Trajectory::new(Path::new("the pose"), vec![pose]);
         let frame = self.scene.frame(0).map_err(|error| error.to_string())?;
         let frame = SceneFrame { index: self.frames, ..frame };
         let png = self.png(&frame)?;

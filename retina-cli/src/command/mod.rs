@@ -25,6 +25,7 @@ pub(crate) mod render;
 pub(crate) mod report;
 pub(crate) mod schema;
 pub(crate) mod serve;
+mod serve_basilisk;
 pub(crate) mod sheet;
 pub(crate) mod shell;
 pub(crate) mod simulate;

@@ -8,15 +8,17 @@ use std::time::Instant;
 use retina_corto::{Pose, World};
 use retina_scene::Scene;
 
-use super::Rendering;
 use super::corto::{CortoArguments, tell_notes};
 use super::live::{Listening, Live, addresses, one_body, scene_of_poses};
+use super::{Rendering, serve_basilisk};
 use crate::failure::Failure;
 use crate::output::{print_json_line, tell};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Scene with one body, schema retina.scene/1. Its trajectory is not used.
+    /// Scene, schema retina.scene/1. Its trajectory is not used.
+    ///
+    /// CORTO's protocol carries the pose of one body; --basilisk takes scenes of several.
     #[arg(required_unless_present = "corto")]
     scene: Option<PathBuf>,
     #[command(flatten)]
@@ -30,15 +32,37 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "SCALE")]
     radiance_scale: Option<f64>,
     #[command(flatten)]
-    listening: Listening,
+    pub(super) listening: Listening,
     #[command(flatten)]
-    rendering: Rendering,
+    pub(super) basilisk: Basilisk,
+    #[command(flatten)]
+    pub(super) rendering: Rendering,
     /// Print JSON documents, one a line: first the ports, at the end a summary.
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
+}
+
+/// A simulation by Basilisk instead of CORTO's protocol.
+#[derive(clap::Args)]
+pub(super) struct Basilisk {
+    /// Answer Basilisk's vizInterface instead of CORTO's protocol.
+    ///
+    /// Resolution, field of view and mounting of each camera are those of the simulation, as are the places of bodies and
+    /// Sun. Give bodies of the scene the names that they have there.
+    #[arg(long, conflicts_with_all = ["corto", "radiance_scale", "scale_m_per_bu", "pose_port", "image_port"], requires = "scene")]
+    basilisk: bool,
+    /// TCP port that the simulation connects to; 0 takes any free port.
+    #[arg(long, value_name = "PORT", default_value_t = 5556, requires = "basilisk")]
+    pub(super) basilisk_port: u16,
+    /// Radiance factor that is white in the simulation's images.
+    #[arg(long, value_name = "VALUE", default_value_t = 0.3, requires = "basilisk")]
+    pub(super) white_radiance_factor: f64,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let (true, Some(file)) = (arguments.basilisk.basilisk, &arguments.scene) {
+        return serve_basilisk::run(arguments, file);
+    }
     let start = Instant::now();
     // The ports first: a simulation may send its first pose while the bodies are being loaded.
     let server = arguments.listening.bind()?;

@@ -1,7 +1,7 @@
 //! Forms that the setup's lenses give, by images of points through them: the display's depth, and coma.
 
 use glam::DVec2;
-use retina_geometry::{COMAS_MM, ComaRays, DisplayRays};
+use retina_geometry::{COMAS_MM, ComaShifts, SpotShifts};
 
 use crate::data::{ARCSEC_PER_RAD, Dataset, DisplayDepth, Term};
 
@@ -21,7 +21,7 @@ fn plane_gain(data: &Dataset, x: f64, y: f64, power: i32) -> f64 {
 }
 
 /// How far a display of this tilt and bow stands away from the lenses where it shows the line of sight (x, y), mm.
-pub(crate) fn depth_mm(data: &Dataset, rays: &DisplayRays, of: DisplayDepth, [x, y]: [f64; 2]) -> f64 {
+pub(crate) fn depth_mm(data: &Dataset, rays: &SpotShifts, of: DisplayDepth, [x, y]: [f64; 2]) -> f64 {
     let DisplayDepth { tilt: [a, b], bow: [c, d] } = of;
     let height = rays.height_over_tangent_mm(data.half_tan * x.hypot(y)) / rays.height_over_tangent_mm(0.0);
     let arcsec = (a * x + b * y) * height + (c * (x * x - y * y) + d * x * y) * height * height;
@@ -75,7 +75,7 @@ const MUCH: f64 = 2.5;
 
 /// What 1 um of one of the traced comas moves a place by, over the place (both in halves of the camera's width): arcsec;
 /// and what 1 mm of depth adds to it.
-fn coma_at(data: &Dataset, rays: &ComaRays, coma: usize, place: DVec2) -> [f64; 2] {
+fn coma_at(data: &Dataset, rays: &ComaShifts, coma: usize, place: DVec2) -> [f64; 2] {
     let r = data.half_tan * place.length();
     [rays.tangent_per_coma[coma], rays.coma_per_depth[coma]].map(|table| 1e-3 * ARCSEC_PER_RAD * table.at(r))
 }
@@ -83,7 +83,7 @@ fn coma_at(data: &Dataset, rays: &ComaRays, coma: usize, place: DVec2) -> [f64; 
 /// Coma that grows with the field, um at half the camera's width: a form for each of the comas that were traced, since
 /// bright cores do not move in proportion to it. Each has further columns for lenses that are not quite those of the
 /// design: the next coma's, and that of another focus.
-fn steady_coma(data: &Dataset, rays: ComaRays) -> Vec<Variant<'_>> {
+fn steady_coma(data: &Dataset, rays: ComaShifts) -> Vec<Variant<'_>> {
     let (x, y) = xy(data);
     let values = |coma: usize| -> (Vec<f64>, Vec<f64>) {
         let at = |i: usize| coma_at(data, &rays, coma, DVec2::new(x[i], y[i]));
@@ -114,7 +114,7 @@ fn steady_coma(data: &Dataset, rays: ComaRays) -> Vec<Variant<'_>> {
 }
 
 /// What lenses that are off make of a coma: its field about another point along x, y, and with a focus that is tilted.
-pub(super) fn coma_beside(data: &Dataset, rays: &ComaRays, coma_um: f64) -> Vec<Vec<f64>> {
+pub(super) fn coma_beside(data: &Dataset, rays: &ComaShifts, coma_um: f64) -> Vec<Vec<f64>> {
     /// Half a step, in halves of the camera's width.
     const STEP: f64 = 0.01;
     let (x, y) = xy(data);
@@ -135,7 +135,7 @@ pub(super) fn coma_beside(data: &Dataset, rays: &ComaRays, coma_um: f64) -> Vec<
 }
 
 /// Coma that is the same all over the field, along the camera's axes: Q c + (P - Q) (c . e) e on the radius e.
-fn steady_shift(data: &Dataset, rays: ComaRays) -> Vec<Variant<'_>> {
+fn steady_shift(data: &Dataset, rays: ComaShifts) -> Vec<Variant<'_>> {
     let (x, y) = xy(data);
     let term = |name: &str, axis: DVec2| {
         Term::new(name, move |i| {
@@ -157,7 +157,7 @@ fn steady_shift(data: &Dataset, rays: ComaRays) -> Vec<Variant<'_>> {
 fn with_steady<'a>(
     data: &'a Dataset,
     in_light: Result<Vec<Variant<'a>>, String>,
-    steady: fn(&'a Dataset, ComaRays) -> Vec<Variant<'a>>,
+    steady: fn(&'a Dataset, ComaShifts) -> Vec<Variant<'a>>,
 ) -> Result<Vec<Variant<'a>>, String> {
     let (Some(rays), Some(_)) = (data.display.and_then(|rays| rays.coma), &data.held) else {
         return in_light;

@@ -16,12 +16,12 @@ use std::sync::{Arc, OnceLock};
 
 pub(crate) use frames::term as pixel_term;
 pub use frames::{MOST_PIXELS, Measure, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels, Placement};
+use glam::DMat2;
 pub use lens::{FittedLens, lens_of_fit};
 pub(crate) use phase::lambert_magnitude;
 pub use read::{Baseline, Source};
 pub(crate) use retina_geometry::ARCSEC_PER_RAD;
-use glam::DMat2;
-use retina_geometry::DisplayRays;
+use retina_geometry::SpotShifts;
 
 use retina_formats::{Channel, TableKind};
 
@@ -137,7 +137,7 @@ pub struct Dataset {
     /// The y of the camera's upper and lower edge, where x is 1 at the others: its height over its width (points).
     pub(crate) half_height: f64,
     /// What the lenses make of the display's depth, where they are known (points).
-    pub(crate) display: Option<DisplayRays>,
+    pub(crate) display: Option<SpotShifts>,
     /// Where the display stands, as far as that is known: the forms of its tilt and bow are those about this place.
     pub(crate) display_depth: DisplayDepth,
     /// One pixel of the screen in arcsec (points).
@@ -185,7 +185,7 @@ impl Dataset {
     /// The same data of a facility whose lenses are known: effects of the display's place have the forms that its lenses
     /// give them, and come as tilts in degrees and sags in micrometres.
     #[must_use]
-    pub fn with_display_rays(mut self, rays: DisplayRays) -> Self {
+    pub fn with_spot_shifts(mut self, rays: SpotShifts) -> Self {
         self.display = Some(rays);
         self
     }

@@ -1,7 +1,8 @@
 //! `retina optics design`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use retina_bench::Prediction;
 use retina_files::InputError;
 use retina_geometry::Setup;
 use retina_optics::constraints::{BenchLimits, PaperModel};
@@ -47,6 +48,9 @@ pub(crate) struct Arguments {
     /// Extent in which the camera's field is matched to the screen.
     #[arg(long, value_enum, default_value_t)]
     match_by: Matching,
+    /// Exposure of which the limiting magnitude is told, s.
+    #[arg(long, value_name = "S", default_value_t = 1.0)]
+    exposure_s: f64,
     /// Name of the configuration.
     #[arg(long, default_value = "camera")]
     name: String,
@@ -118,6 +122,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         ("--f-r", arguments.f_r),
         ("--lens-mm", arguments.lens_mm),
         ("--s-cam-mm", s_cam_mm),
+        ("--exposure-s", arguments.exposure_s),
     ])?;
     let Sensor { width_px, height_px, pixel_um } = arguments.sensor;
     let camera = Camera {
@@ -153,12 +158,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         tell!("warning: {warning}");
     }
     arguments.output.draw(|| bench_figure(&arguments.name, &design, &lenses, &camera))?;
+    let text = setup_toml(&arguments.name, &design, &camera, &screen, arguments.camera_bits);
+    // The camera's noise and the display's response are the defaults of a setup.
+    let setup = Setup::parse(&text, Path::new("the designed setup"))?;
+    let prediction = Prediction::of(&setup, arguments.exposure_s);
     if let Some(path) = &arguments.out {
-        let text = setup_toml(&arguments.name, &design, &camera, &screen, arguments.camera_bits);
         write_file(path, text.as_bytes())?;
     }
     let (layout, margins) = (&design.layout, &design.margins);
-    arguments.output.print("design", &Warned { design: &design, warnings: &warnings }, || {
+    arguments.output.print("design", &Told { design: &design, prediction: prediction_json(&prediction), warnings: &warnings }, || {
         vec![
             format!(
                 "M     {:10.4}      camera and screen matched by {}; rows of the screen seen {:.1}",
@@ -166,25 +174,52 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
                 design.match_by.words(),
                 design.observed_rows_px
             ),
-            format!("s_cam {:10.3} mm", design.pupil_collimator_mm),
-            format!(
-                "s_or  {:10.3} mm   margin {:8.3} mm",
-                layout.screen_relay_mm, margins.screen_relay_distance_mm
+            row("s_cam", design.pupil_collimator_mm, None, "camera pupil to collimator"),
+            row("s_or", layout.screen_relay_mm, Some(margins.screen_relay_distance_mm), "screen to relay"),
+            row("s_ri", layout.relay_image_mm, None, "relay to intermediate image"),
+            row("s_rc", layout.inter_lens_mm, Some(margins.inter_lens_distance_mm), "relay to collimator"),
+            row("s_oc", layout.total_length_mm, Some(margins.total_length_mm), "screen to collimator"),
+            row("r_r", layout.relay_beam_mm, Some(margins.relay_vignetting_mm), "beam's radius at the relay"),
+            row(
+                "r_c",
+                layout.collimator_beam_mm,
+                Some(margins.collimator_vignetting_mm),
+                "beam's radius at the collimator",
             ),
-            format!("s_ri  {:10.3} mm", layout.relay_image_mm),
             format!(
-                "s_rc  {:10.3} mm   margin {:8.3} mm",
-                layout.inter_lens_mm, margins.inter_lens_distance_mm
+                "A pixel of the screen is {:.2} camera px; a lit one is a spot of {:.2} px (full width at half maximum) by pixels and \
+                 diffraction, and the lenses' aberrations add to it.",
+                prediction.screen_pixel_camera_px, prediction.spot_fwhm_px
             ),
-            format!("s_oc  {:10.3} mm   margin {:8.3} mm", layout.total_length_mm, margins.total_length_mm),
-            format!("r_r   {:10.3} mm   margin {:8.3} mm", layout.relay_beam_mm, margins.relay_vignetting_mm),
             format!(
-                "r_c   {:10.3} mm   margin {:8.3} mm",
-                layout.collimator_beam_mm, margins.collimator_vignetting_mm
+                "One pixel shows magnitudes {:.2} to {:.2} if the response is assumed to be a power of {}; an exposure of {} s sees \
+                 to magnitude {:.1} (5 sigma, the camera's noise as assumed).",
+                prediction.displayed_magnitudes[0],
+                prediction.displayed_magnitudes[1],
+                prediction.response_gamma,
+                prediction.exposure_s,
+                prediction.limiting_magnitude
             ),
         ]
     })?;
     if design.margins.all_hold() { Ok(()) } else { Err(Failure::exceeded(exceeded(&design.margins))) }
+}
+
+/// A distance with its margin and what it is.
+fn row(symbol: &str, mm: f64, margin_mm: Option<f64>, words: &str) -> String {
+    let margin = margin_mm.map_or(String::new(), |margin| format!("margin {margin:8.3} mm"));
+    format!("{symbol:<5} {mm:10.3} mm   {margin:<18}   {words}")
+}
+
+fn prediction_json(prediction: &Prediction) -> serde_json::Value {
+    serde_json::json!({
+        "screen_pixel_camera_px": prediction.screen_pixel_camera_px,
+        "spot_fwhm_px": prediction.spot_fwhm_px,
+        "displayed_magnitudes": prediction.displayed_magnitudes,
+        "response_gamma": prediction.response_gamma,
+        "exposure_s": prediction.exposure_s,
+        "limiting_magnitude": prediction.limiting_magnitude,
+    })
 }
 
 /// What is warned of where the design does not fit the bench.
@@ -206,11 +241,12 @@ fn exceeded(margins: &Margins) -> String {
     format!("the design does not fit the bench: {} beyond the limit", negative.join(", "))
 }
 
-/// The document: the design's own keys and what was warned of.
+/// The document: the design's own keys, what a camera will see by it, and what was warned of.
 #[derive(serde::Serialize)]
-struct Warned<'a> {
+struct Told<'a> {
     #[serde(flatten)]
     design: &'a BenchDesign,
+    prediction: serde_json::Value,
     warnings: &'a [String],
 }
 

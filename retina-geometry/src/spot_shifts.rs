@@ -9,20 +9,20 @@ pub const DEPTHS_MM: [f64; 4] = [-0.1, -0.02, 0.02, 0.1];
 /// Comas whose effect is tabulated, mm at half the camera's width.
 pub const COMAS_MM: [f64; 6] = [-1e-3, -3e-4, -1e-4, 1e-4, 3e-4, 1e-3];
 
-/// Where lines of sight meet the display, and what its depth does to them, of a facility that is symmetric about its
-/// axis. With r the tangent of the line of sight and z the depth away from the lenses: height X(r) = r (h_0 + h_1 r^2 +
-/// h_2 r^4), and a depth moves r in proportion to itself, nearly.
+/// What depth of the display and coma of the objective shift spots by, and where lines of sight meet the display, of a
+/// facility that is symmetric about its axis. With r the tangent of the line of sight and z the depth away from the lenses:
+/// height X(r) = r (h_0 + h_1 r^2 + h_2 r^4), and a depth moves r in proportion to itself, nearly.
 ///
 /// Lines of sight are those that a detector finds, by a window as wide as the spot. Neither the chief ray nor the mean of
 /// the light moves as the bright core of a blurred spot with coma does.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DisplayRays {
+pub struct SpotShifts {
     /// h_0, h_1, h_2, mm; the display's axes are those of the lines of sight, so h_0 is positive.
     pub height_mm: [f64; 3],
     /// What each of [`DEPTHS_MM`] adds to r, over r and the depth, 1/mm.
     pub per_depth: [RadialTable; DEPTHS_MM.len()],
     /// What the objective's coma does; `None` where it was not asked for.
-    pub coma: Option<ComaRays>,
+    pub coma: Option<ComaShifts>,
 }
 
 /// An even function of the line of sight's tangent r, at equal steps of r^2 from 0: what lenses do changes most at the
@@ -38,7 +38,7 @@ pub struct RadialTable {
 /// What the objective's coma does to lines of sight. Coma is path at the pupil's rim, of Zernike's
 /// term (3 rho^2 - 2) rho cos phi. Bright cores do not move in proportion to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ComaRays {
+pub struct ComaShifts {
     /// What coma that grows with the line of sight adds to it, over r / u and the coma, for each of [`COMAS_MM`] at u, half
     /// the camera's width: tangents per mm.
     pub tangent_per_coma: [RadialTable; COMAS_MM.len()],
@@ -80,7 +80,7 @@ impl RadialTable {
     }
 }
 
-impl DisplayRays {
+impl SpotShifts {
     /// Height over the tangent r of the line of sight, mm.
     pub fn height_over_tangent_mm(&self, r: f64) -> f64 {
         even(self.height_mm, r)
@@ -143,12 +143,12 @@ fn even([a, b, c]: [f64; 3], r: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{DEPTHS_MM, DisplayRays, RADIAL_KNOTS, RadialTable};
+    use super::{DEPTHS_MM, RADIAL_KNOTS, RadialTable, SpotShifts};
 
     /// Against differences of the mapping itself, r h(r) = u h(0), solved by bisection.
     #[test]
     fn a_shift_moves_lines_of_sight_as_the_mapping_does() {
-        let lens = DisplayRays {
+        let lens = SpotShifts {
             height_mm: [50.0, -30.0, 200.0],
             per_depth: [RadialTable { half_tan: 0.2, values: [-0.02; RADIAL_KNOTS] }; 4],
             coma: None,
@@ -199,7 +199,7 @@ mod tests {
     fn depths_between_the_tables_are_joined() {
         let of = |z: f64| -0.02 + 0.1 * z - 0.3 * z * z + 2.0 * z.powi(3);
         let per_depth = DEPTHS_MM.map(|z| RadialTable { half_tan: 0.2, values: [of(z); RADIAL_KNOTS] });
-        let lens = DisplayRays { height_mm: [50.0, 0.0, 0.0], per_depth, coma: None };
+        let lens = SpotShifts { height_mm: [50.0, 0.0, 0.0], per_depth, coma: None };
         for z in [-0.1, -0.05, 0.0, 0.013, 0.1] {
             assert!((lens.tangent_per_depth(0.1, z) - of(z)).abs() < 1e-12, "{z}");
         }
