@@ -6,6 +6,7 @@
 mod message;
 mod server;
 mod view;
+mod zmtp;
 
 pub use server::{Ended, Server};
 pub use view::{Simulation, View};

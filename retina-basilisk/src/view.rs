@@ -208,7 +208,7 @@ fn projection(camera: &CameraConfig) -> Result<Pinhole, String> {
     };
     if !(camera.field_of_view > NARROWEST_DEG && camera.field_of_view < 180.0) {
         return Err(format!(
-            "{of} has a field of view of {} deg where {NARROWEST_DEG} to 180 are expected",
+            "{of} has a field of view of {} deg where more than {NARROWEST_DEG} and less than 180 are expected",
             camera.field_of_view
         ));
     }

@@ -56,7 +56,12 @@ impl NoiseGroups {
                 let members = &order[ring * order.len() / rings..(ring + 1) * order.len() / rings];
                 let middle = members.iter().map(|&i| distance[i]).sum::<f64>() / members.len() as f64;
                 let of_ring = Self { fitted: free * members.len() as f64, ..*self };
-                (middle, of_ring.at_rows(key, key, length, members.to_vec(), self.clipped()))
+                (
+                    middle,
+                    of_ring.at_rows(key, key, length, members.to_vec(), |median, _| {
+                        median / self.median_of_normal
+                    }),
+                )
             })
             .collect();
         let at = |row: usize| -> f64 {
@@ -73,14 +78,8 @@ impl NoiseGroups {
     /// Standard deviations at other brightnesses than those of the residuals; roots of mean squares without what is
     /// beyond three standard deviations, since the median of values that were rounded is one of few.
     pub fn clipped_at(&self, wanted: &[f64], key: &[f64], length: &[f64]) -> Vec<f64> {
-        self.at_rows(wanted, key, length, (0..key.len()).collect(), self.clipped())
-    }
-
-    /// The root of a group's mean square without what is beyond three standard deviations, of errors along a line.
-    fn clipped(&self) -> impl Fn(f64, &[f64]) -> f64 + use<> {
-        let median_of_normal = self.median_of_normal;
-        move |median, members| {
-            let mut sigma = median / median_of_normal;
+        let clipped = |median: f64, members: &[f64]| {
+            let mut sigma = median / self.median_of_normal;
             for _ in 0..CLIPPINGS {
                 let within = members.iter().filter(|v| **v <= 3.0 * sigma);
                 let (count, squares) = within.fold((0.0, 0.0), |(n, s), v| (n + 1.0, s + v * v));
@@ -89,7 +88,8 @@ impl NoiseGroups {
                 }
             }
             sigma
-        }
+        };
+        self.at_rows(wanted, key, length, (0..key.len()).collect(), clipped)
     }
 
     fn at_rows(

@@ -342,3 +342,23 @@ fn exposures_that_share_a_shift_are_no_outliers() {
     }
     assert!(clean >= 4, "{clean}");
 }
+
+/// Six exposures that lie farther apart than their points scatter do not tell a mount that moves from a knock: nothing found
+/// is no `adequate`. Forty do.
+#[test]
+fn few_exposures_that_differ_are_undecided() {
+    let verdicts = |exposures: usize| -> Vec<Verdict> {
+        let of = |seed: u64| {
+            let campaign =
+                Campaign { exposures, rows: 50 * exposures, jitter_arcsec: 8.0, ..Campaign::new(700 + seed) };
+            diagnose(&campaign.data(&setup(), &|p| p.r), &[], &DiagnoseOptions { flips: 499, seed: 1 })
+                .verdict
+        };
+        (0..6).map(of).collect()
+    };
+    let (six, forty) = (verdicts(6), verdicts(40));
+    // One of six may be a false alarm.
+    let count = |all: &[Verdict], wanted: Verdict| all.iter().filter(|own| **own == wanted).count();
+    assert!(count(&six, Verdict::Undecided) >= 5 && count(&six, Verdict::Adequate) == 0, "{six:?}");
+    assert!(count(&forty, Verdict::Adequate) >= 5, "{forty:?}");
+}

@@ -49,7 +49,7 @@ pub(super) struct Basilisk {
     ///
     /// Resolution, field of view and mounting of each camera are those of the simulation, as are the places of bodies and
     /// Sun. Give bodies of the scene the names that they have there.
-    #[arg(long, conflicts_with_all = ["corto", "radiance_scale", "scale_m_per_bu", "pose_port", "image_port"], requires = "scene")]
+    #[arg(long, conflicts_with_all = ["corto", "setup", "sidecar", "radiance_scale", "scale_m_per_bu", "pose_port", "image_port"], requires = "scene")]
     basilisk: bool,
     /// TCP port that the simulation connects to; 0 takes any free port.
     #[arg(long, value_name = "PORT", default_value_t = 5556, requires = "basilisk")]

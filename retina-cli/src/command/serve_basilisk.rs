@@ -1,6 +1,5 @@
 //! `retina serve --basilisk`: the camera of a Basilisk simulation.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,17 +20,18 @@ pub(super) fn run(arguments: &Arguments, file: &Path) -> Result<(), Failure> {
     let basilisk = &arguments.basilisk;
     let listen = arguments.listening.listen;
     // The port first: a simulation may ask while the bodies are being loaded.
-    let mut server = Server::bind(listen, basilisk.basilisk_port).map_err(|error| {
+    let server = Server::bind(listen, basilisk.basilisk_port).map_err(|error| {
         Failure::new(format!("cannot listen on TCP {listen}:{}: {error}", basilisk.basilisk_port))
     })?;
     let mut cameras = Cameras {
         scene: scene(file, basilisk.white_radiance_factor)?,
         rendering: &arguments.rendering,
-        open: BTreeMap::new(),
+        open: Vec::new(),
         seconds: 0.0,
     };
     let body_names: Vec<String> = cameras.scene.bodies.iter().map(|body| body.name.clone()).collect();
-    let address = server.address();
+    let address =
+        server.address().map_err(|error| Failure::new(format!("the socket has no address: {error}")))?;
     tell!("ready: Basilisk's vizInterface on tcp://{address}; bodies {}", body_names.join(", "));
     if arguments.json {
         print_json_line(&serde_json::json!({ "schema": "retina.serve/1", "basilisk": address.to_string() }))?;
@@ -82,37 +82,41 @@ fn scene(file: &Path, white_radiance_factor: f64) -> Result<Scene, Failure> {
     Ok(scene)
 }
 
-/// A renderer for each camera, made when its first image is asked for and again when its projection changes.
+/// A renderer holds the bodies' meshes: of so many projections one is kept.
+const MOST_RENDERERS: usize = 4;
+
+/// A renderer for each projection, made when its first image is asked for; the latest used is the last.
 struct Cameras<'a> {
     scene: Scene,
     rendering: &'a Rendering,
-    open: BTreeMap<i64, (Pinhole, Live)>,
+    open: Vec<(Pinhole, Live)>,
     seconds: f64,
 }
 
 impl Cameras<'_> {
     fn render(&mut self, view: &View) -> Result<Vec<u8>, String> {
-        let same = self.open.get(&view.camera_id).is_some_and(|(image, _)| *image == view.image);
-        if !same {
-            let mut scene = self.scene.clone();
-            scene.image = view.image;
-            let live = Live::open(scene, None, self.rendering).map_err(|failure| failure.to_string())?;
-            let name = live.name();
-            let Pinhole { width_px, height_px, .. } = view.image;
-            tell!(
-                "camera {}: {width_px} x {height_px} px; {} ({})",
-                view.camera_id,
-                name.adapter,
-                name.driver
-            );
-            self.open.insert(view.camera_id, (view.image, live));
-        }
-        let Some((_, live)) = self.open.get_mut(&view.camera_id) else {
-            return Err(format!("camera {} has no renderer", view.camera_id));
+        let known = self.open.iter().position(|(image, _)| *image == view.image);
+        let mut live = match known {
+            Some(at) => self.open.remove(at).1,
+            None => self.opened(view)?,
         };
         let before = live.seconds;
-        let (_, png) = live.frame(view.frame.clone())?;
+        let made = live.frame(view.frame.clone());
         self.seconds += live.seconds - before;
-        Ok(png)
+        self.open.push((view.image, live));
+        Ok(made?.1)
+    }
+
+    fn opened(&mut self, view: &View) -> Result<Live, String> {
+        if self.open.len() == MOST_RENDERERS {
+            self.open.remove(0);
+        }
+        let mut scene = self.scene.clone();
+        scene.image = view.image;
+        let live = Live::open(scene, None, self.rendering).map_err(|failure| failure.to_string())?;
+        let name = live.name();
+        let Pinhole { width_px, height_px, .. } = view.image;
+        tell!("camera {}: {width_px} x {height_px} px; {} ({})", view.camera_id, name.adapter, name.driver);
+        Ok(live)
     }
 }
