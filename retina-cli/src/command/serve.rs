@@ -91,14 +91,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut render = |pose: &Pose| live.pose(&world, pose).map(|(_, png)| png);
     let ended = server.run(&mut render, arguments.listening.frames, &stop, &|text| tell!("{text}"));
     let each_s = if live.frames > 0 { live.seconds / live.frames as f64 } else { 0.0 };
-    tell!(
-        "{} images sent, {} requests refused; {each_s:.3} s of rendering per image",
-        ended.sent,
-        ended.refused
-    );
-    if arguments.json {
+    tell_summary(ended.sent, ended.refused, each_s, arguments.json)
+}
+
+/// What was served, for people and programs.
+pub(super) fn tell_summary(sent: usize, refused: usize, each_s: f64, json: bool) -> Result<(), Failure> {
+    tell!("{sent} images sent, {refused} requests refused; {each_s:.3} s of rendering per image");
+    if json {
         print_json_line(&serde_json::json!({
-            "schema": "retina.serve-summary/1", "images_sent": ended.sent, "requests_refused": ended.refused,
+            "schema": "retina.serve-summary/1", "images_sent": sent, "requests_refused": refused,
             "seconds_per_image": each_s,
         }))?;
     }

@@ -12,7 +12,7 @@ use retina_screen::{PlainDisplay, Transfer};
 
 use super::Rendering;
 use super::live::Live;
-use super::serve::Arguments;
+use super::serve::{Arguments, tell_summary};
 use crate::failure::Failure;
 use crate::output::{print_json_line, tell};
 
@@ -48,18 +48,7 @@ pub(super) fn run(arguments: &Arguments, file: &Path) -> Result<(), Failure> {
         &|text| tell!("{text}"),
     );
     let each_s = if ended.sent > 0 { cameras.seconds / ended.sent as f64 } else { 0.0 };
-    tell!(
-        "{} images sent, {} requests refused; {each_s:.3} s of rendering per image",
-        ended.sent,
-        ended.refused
-    );
-    if arguments.json {
-        print_json_line(&serde_json::json!({
-            "schema": "retina.serve-summary/1", "images_sent": ended.sent, "requests_refused": ended.refused,
-            "seconds_per_image": each_s,
-        }))?;
-    }
-    Ok(())
+    tell_summary(ended.sent, ended.refused, each_s, arguments.json)
 }
 
 /// The scene's bodies before a camera of the simulation's own: no facility, and no stars, whose light has no radiance factor.
