@@ -1,4 +1,6 @@
-//! Noise that depends on brightness, estimated from residuals.
+//! Noise that depends on brightness and on the place in the field, estimated from residuals.
+
+use glam::{DMat2, DVec2};
 
 /// How residuals are grouped by brightness.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -116,6 +118,12 @@ impl NoiseGroups {
             .collect();
         wanted.iter().map(|&k| interpolate(&nodes, k).exp()).collect()
     }
+}
+
+/// The directions away from the field's middle and across it, as columns: spots are long along one of them.
+pub fn outwards(place: DVec2) -> DMat2 {
+    let out = place.normalize_or(DVec2::X);
+    DMat2::from_cols(out, out.perp())
 }
 
 /// Linear between nodes, level beyond them.

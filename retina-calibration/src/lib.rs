@@ -7,4 +7,4 @@
 mod brightness;
 pub mod geometry;
 
-pub use brightness::NoiseGroups;
+pub use brightness::{NoiseGroups, outwards};

@@ -5,7 +5,7 @@
 mod common;
 
 use common::response::response;
-use common::{ARCSEC, Facility, LIKELY, l_of, wide};
+use common::{ARCSEC, Facility, LIKELY, SIMILARITY, l_of, wide};
 use glam::DVec2;
 use retina_calibration::geometry::{CalibrateOptions, ModelForm, calibrate, to_json, write_calibration};
 use retina_formats::{Calibration, CalibrationFile, Channel, PointsTable, log10_irradiance};
@@ -180,14 +180,7 @@ fn a_measured_response_says_how_bright_the_points_were() {
 fn stated_intervals_hold_the_truth_as_often_as_they_say() {
     // D^-1 of this facility is exactly the fitted form: a similarity.
     let setup = wide();
-    let facility = Facility {
-        k1: 0.0,
-        coma_arcsec: 0.0,
-        outliers: 0.0,
-        centre: DVec2::ZERO,
-        jitter_arcsec: 2.0,
-        ..LIKELY
-    };
+    let facility = Facility { jitter_arcsec: 2.0, ..SIMILARITY };
     let form = ModelForm::plain(3);
     let options = CalibrateOptions { form: Some(form), plain: true, ..CalibrateOptions::default() };
     let (mut inside, mut total, mut constant) = (0, 0, 0);

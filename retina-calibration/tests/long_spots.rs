@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{Facility, LIKELY, normal, wide};
+use common::{Facility, SIMILARITY, normal, wide};
 use glam::DVec2;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -15,14 +15,7 @@ use retina_calibration::geometry::{CalibrateOptions, ModelForm, calibrate};
 #[test]
 fn the_covariance_knows_along_from_across() {
     let setup = wide();
-    let facility = Facility {
-        k1: 0.0,
-        coma_arcsec: 0.0,
-        outliers: 0.0,
-        centre: DVec2::ZERO,
-        jitter_arcsec: 0.5,
-        ..LIKELY
-    };
+    let facility = Facility { jitter_arcsec: 0.5, ..SIMILARITY };
     let options =
         CalibrateOptions { form: Some(ModelForm::plain(5)), plain: true, ..CalibrateOptions::default() };
     let mut ratio = DVec2::ZERO;

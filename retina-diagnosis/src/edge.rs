@@ -6,6 +6,7 @@
 //! is not in their differences.
 
 use glam::{DMat2, DVec2};
+use retina_calibration::outwards;
 
 use crate::data::Dataset;
 use crate::linear::dot;
@@ -24,12 +25,6 @@ pub(crate) struct Edge {
     rings: Vec<(f64, DVec2)>,
     /// d ln(noise) / d(key) of the rows' own keys.
     slope: f64,
-}
-
-/// The directions away from the field's middle and across.
-fn outwards(at: DVec2) -> DMat2 {
-    let out = at.normalize_or(DVec2::X);
-    DMat2::from_cols(out, out.perp())
 }
 
 fn place(data: &Dataset, row: usize) -> DVec2 {

@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::{DMat2, DVec2};
 
 use super::observations::Observations;
-use crate::NoiseGroups;
+use crate::{NoiseGroups, outwards};
 
 /// Points further off than this many sigmas of one axis are outliers; a two-dimensional normal
 /// error is so with exp(-4.5^2 / 2) = 4e-5.
@@ -42,12 +42,6 @@ pub(crate) struct Weights {
     /// Variance per axis of the common shift of an exposure, rad^2.
     pub(crate) jitter_variance: f64,
     pub(crate) outlier: Vec<bool>,
-}
-
-/// The directions away from the field's middle and across.
-fn outwards(sight: DVec2) -> DMat2 {
-    let out = sight.normalize_or(DVec2::X);
-    DMat2::from_cols(out, out.perp())
 }
 
 impl Weights {

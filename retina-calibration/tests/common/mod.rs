@@ -40,6 +40,10 @@ pub(crate) const LIKELY: Facility = Facility {
     outliers: 0.03,
 };
 
+/// One without distortion: every polynomial form holds it exactly.
+pub(crate) const SIMILARITY: Facility =
+    Facility { k1: 0.0, coma_arcsec: 0.0, outliers: 0.0, centre: DVec2::ZERO, ..LIKELY };
+
 pub(crate) fn normal(random: &mut ChaCha8Rng) -> f64 {
     let u: f64 = 1.0 - random.random::<f64>();
     (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * random.random::<f64>()).cos()
