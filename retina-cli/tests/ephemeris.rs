@@ -193,3 +193,54 @@ fn a_meta_kernel_turns_bodies_and_results_say_so() {
         "{says}"
     );
 }
+
+#[test]
+fn a_scene_follows_a_spacecraft_of_kernels() {
+    let fixture = Fixture::new();
+    let kernels = concat!(env!("CARGO_MANIFEST_DIR"), "/../retina-sky/tests/spice/craft/craft.tm");
+    let keys = r#"observer = "CRAFT", frame = "CRAFT_CAMERA", epoch = "2027-03-17T00:00 TDB", step_s = 600, frames = 3"#;
+    let scene = |keys: &str| {
+        format!(
+            "schema = \"retina.scene/1\"\nsetup = \"setup.toml\"\ntrajectory = {{ kind = \"spice\", {keys} }}\n\
+             [ephemeris]\nkernels = [\"{kernels}\"]\n[stars]\nfaintest_magnitude = 4.0\nplanets = false\n"
+        )
+    };
+    let table = fixture.path("poses.csv");
+    let (path, out) = (fixture.path("scene.toml"), table.to_str().unwrap());
+    let written = |keys: &str| {
+        fixture.write("scene.toml", &scene(keys));
+        retina(&["trajectory", "--scene", path.to_str().unwrap(), "--out", out, "--json"])
+    };
+    assert_eq!(json(&written(keys))["frames"], 3);
+    let text = fs::read_to_string(&table).unwrap();
+    let head: Vec<&str> = text.lines().nth(1).unwrap().split(',').collect();
+    assert!(head.contains(&"camera_vx_m_s") && head.contains(&"sun_x_m"), "{head:?}");
+    assert_eq!(text.lines().count(), 5);
+    // Another order of the same axes is another roll of the same boresight.
+    assert_eq!(json(&written(&format!("{keys}, axes = [\"+y\", \"-x\", \"+z\"]")))["frames"], 3);
+    assert_ne!(text, fs::read_to_string(&table).unwrap());
+    fs::remove_file(&table).unwrap();
+    for (from, to, said) in [
+        (r#"observer = "CRAFT", "#, "", "`trajectory.observer`"),
+        (r#"epoch = "2027-03-17T00:00 TDB", "#, "", "`trajectory.epoch`"),
+        (r#"frame = "CRAFT_CAMERA", "#, "", "no body to point at"),
+        ("CRAFT_CAMERA", "CRAFT_LIDAR", "no FRAME_CRAFT_LIDAR"),
+        (r#""CRAFT""#, r#""LANDER""#, "no ephemeris of LANDER"),
+        // Attitudes have a gap from 15 to 16 h 40 min after the first.
+        ("2027-03-17T00:00", "2027-03-17T12:00", "with a gap there"),
+        ("2027-03-17T00:00", "2027-03-19T12:00", "craft.bsp"),
+        ("frames = 3", "frames = 3, axes = [\"+x\", \"+y\", \"-z\"]", "right-handed"),
+        ("frames = 3", "frames = 3, spin = { period_h = 1 }", "has no such key"),
+    ] {
+        assert!(keys.contains(from), "{from}");
+        assert_refused(&written(&keys.replacen(from, to, 1)), &[said, "scene.toml"]);
+        assert!(!table.exists());
+    }
+    // The whole chain: stars as the craft's camera sees them.
+    fixture.write("scene.toml", &scene(keys));
+    assert_done(&fixture.render("out", &["--frames", "0..1"]));
+    let says = json(&retina(&["check", &kernels.replace("craft.tm", "craft.bc"), "--json"]));
+    assert!(says["files"][0]["says"].to_string().contains("attitudes of -999000"), "{says}");
+    let says = json(&retina(&["check", &kernels.replace("craft.tm", "craft.tf"), "--json"]));
+    assert!(says["files"][0]["says"].to_string().contains("the frames COMET_FIXED, CRAFT_BUS"), "{says}");
+}

@@ -56,6 +56,12 @@ impl PyEphemeris {
                 let at = |&tdb_s: &f64| Ok(ephemeris.solar_system(tdb_s)?.sun.position_m);
                 Ok(times.iter().map(at).collect::<Result<Vec<DVec3>, EphemerisError>>()?)
             })?
+        } else if Planet::from_name(body).is_none() && !ephemeris.kernel_files().is_empty() {
+            let body = body.to_owned();
+            work::run(py, None, move |_| {
+                let at = |&tdb_s: &f64| Ok(ephemeris.state(&body, tdb_s)?.position_m);
+                Ok(times.iter().map(at).collect::<Result<Vec<DVec3>, EphemerisError>>()?)
+            })?
         } else {
             let planet = planet(body)?;
             work::run(py, None, move |_| {
@@ -66,15 +72,15 @@ impl PyEphemeris {
         rows(py, found.iter().map(|place| place.to_array().to_vec()).collect(), 3)
     }
 
-    /// Barycentric ICRF velocities of the Sun, the Earth or the Moon, m/s, of shape (times, 3).
+    /// Barycentric ICRF velocities, m/s, of shape (times, 3): of the Sun, the Earth, the Moon, or what kernels have.
     fn velocities_m_s<'py>(
         &self,
         py: Python<'py>,
         body: &str,
         tdb_s: PyReadonlyArray1<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        if !["sun", "earth", "moon"].contains(&body) {
-            let expected = "\"sun\", \"earth\" or \"moon\"";
+        if !["sun", "earth", "moon"].contains(&body) && self.ephemeris.kernel_files().is_empty() {
+            let expected = "\"sun\", \"earth\" or \"moon\", or what a kernel has";
             return Err(
                 Failure::argument("body", "has no velocity here", format!("\"{body}\""), expected).into()
             );
@@ -83,11 +89,11 @@ impl PyEphemeris {
         let times: Vec<f64> = tdb_s.as_array().to_vec();
         let found = work::run(py, None, move |_| {
             let at = |&tdb_s: &f64| {
-                let bodies = ephemeris.solar_system(tdb_s)?;
                 let state = match body.as_str() {
-                    "sun" => bodies.sun,
-                    "earth" => bodies.earth,
-                    _ => bodies.moon,
+                    "sun" => ephemeris.solar_system(tdb_s)?.sun,
+                    "earth" => ephemeris.solar_system(tdb_s)?.earth,
+                    "moon" => ephemeris.solar_system(tdb_s)?.moon,
+                    other => ephemeris.state(other, tdb_s)?,
                 };
                 Ok(state.velocity_m_s)
             };
@@ -153,6 +159,19 @@ impl PyEphemeris {
             turned.push(scalar_first(turn).to_vec());
         }
         rows(py, turned, 4)
+    }
+
+    /// Rotations from inertial to the axes of a frame of the kernels, scalar-first quaternions of shape (times, 4).
+    fn frame_turns<'py>(
+        &self,
+        py: Python<'py>,
+        frame: &str,
+        tdb_s: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let turn =
+            |&tdb_s: &f64| Ok(scalar_first(self.ephemeris.frame_from_inertial(frame, tdb_s)?).to_vec());
+        let turned: Result<Vec<Vec<f64>>, EphemerisError> = tdb_s.as_array().iter().map(turn).collect();
+        rows(py, turned.map_err(Failure::from)?, 4)
     }
 
     /// What turns a body where it is a kernel.

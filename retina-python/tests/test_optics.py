@@ -174,3 +174,18 @@ def test_xarray(star_frame: retina.Frame, star_field_deg: float) -> None:
     xarray = pytest.importorskip("xarray")
     image = xarray.DataArray(star_frame.counts, dims=("y", "x"))
     assert retina.solve_stars(image, fov_deg=star_field_deg).solved
+
+
+def test_a_spacecraft_of_kernels() -> None:
+    kernels = Path(__file__).parents[2] / "retina-sky/tests/spice/craft/craft.tm"
+    if not kernels.exists():
+        pytest.skip("the wheel is tested without the sources")
+    bodies = retina.Ephemeris(kernels)
+    times = retina.time_s("2027-03-17T00:00 TDB") + np.array([0.0, 1.0])
+    place_m, velocity_m_s = bodies.position_m("CRAFT", times), bodies.velocity_m_s("-999", times)
+    assert np.diff(place_m, axis=0)[0] == pytest.approx(velocity_m_s.mean(axis=0), abs=0.1)
+    assert np.linalg.norm(place_m - bodies.position_m("comet", times), axis=1) == pytest.approx(4e4, rel=0.01)
+    turned = bodies.frame_from_inertial("CRAFT_CAMERA", times)
+    assert turned.shape == (2, 4) and np.linalg.norm(turned, axis=1) == pytest.approx(1.0)
+    with pytest.raises(retina.RetinaError, match="CRAFT_LIDAR"):
+        bodies.frame_from_inertial("CRAFT_LIDAR", times[0])

@@ -81,6 +81,10 @@ pub(crate) struct GeneratedTable {
     pub(crate) sun_direction: Option<[f64; 3]>,
     pub(crate) sun_distance_au: Option<f64>,
     pub(crate) spin: Option<SpinTable>,
+    // Of a spacecraft in kernels; `epoch` and `step_s` as above.
+    pub(crate) observer: Option<String>,
+    pub(crate) frame: Option<String>,
+    pub(crate) axes: Option<[String; 3]>,
 }
 
 /// A body's steady rotation.
@@ -110,6 +114,7 @@ pub(crate) enum GeneratorKind {
     Flyby,
     PhaseSweep,
     Approach,
+    Spice,
 }
 
 impl GeneratorKind {
@@ -122,6 +127,7 @@ impl GeneratorKind {
             Self::Flyby => "flyby",
             Self::PhaseSweep => "phase-sweep",
             Self::Approach => "approach",
+            Self::Spice => "spice",
         }
     }
 
@@ -181,13 +187,14 @@ impl GeneratorKind {
                 "sun_distance_au",
                 "spin",
             ],
+            Self::Spice => &["epoch", "step_s", "observer", "frame", "axes"],
         }
     }
 }
 
 impl GeneratedTable {
     /// All keys but `kind` and `frames`, and whether they are given.
-    pub(crate) fn given(&self) -> [(&'static str, bool); 24] {
+    pub(crate) fn given(&self) -> [(&'static str, bool); 27] {
         [
             ("epoch", self.epoch.is_some()),
             ("step_s", self.step_s.is_some()),
@@ -213,6 +220,9 @@ impl GeneratedTable {
             ("sun_direction", self.sun_direction.is_some()),
             ("sun_distance_au", self.sun_distance_au.is_some()),
             ("spin", self.spin.is_some()),
+            ("observer", self.observer.is_some()),
+            ("frame", self.frame.is_some()),
+            ("axes", self.axes.is_some()),
         ]
     }
 }

@@ -14,6 +14,7 @@ mod file;
 mod flashes;
 mod frame;
 mod inside;
+mod keys;
 mod near_body;
 mod occult;
 mod photometry;
@@ -23,6 +24,7 @@ mod read_flashes;
 mod scene;
 mod sequence;
 mod sky;
+mod spacecraft;
 mod truth;
 
 pub use checks::FrameChecks;

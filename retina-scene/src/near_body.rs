@@ -2,76 +2,17 @@
 
 use std::path::Path;
 
-use glam::DVec3;
 use retina_files::InputError;
 use retina_sky::Trajectory;
 use retina_sky::ephemeris::Ephemeris;
 use retina_sky::near_body::{CameraPath, NearBody, Spin};
 
 use crate::file::{GeneratedTable, GeneratorKind, SpinTable};
+use crate::keys::{Keys, STEP_S};
 use crate::sequence::epoch_s;
 
 const AU_M: f64 = 149_597_870_700.0;
 const HOUR_S: f64 = 3600.0;
-/// Time between frames, s.
-const STEP_S: f64 = 60.0;
-
-/// The keys of a table, which are refused one by one.
-struct Keys<'a> {
-    scene: &'a Path,
-    kind: &'static str,
-}
-
-impl Keys<'_> {
-    fn refuse(&self, key: &str, problem: &str, found: String, expected: &str) -> InputError {
-        InputError::new(self.scene, format!("{problem} of the trajectory `{}`", self.kind))
-            .at(format!("key `trajectory.{key}`"))
-            .found(found)
-            .expected(expected)
-    }
-
-    fn required<T>(&self, key: &str, value: Option<T>, expected: &str) -> Result<T, InputError> {
-        value.ok_or_else(|| {
-            InputError::new(self.scene, format!("the trajectory `{}` needs a key", self.kind))
-                .at(format!("key `trajectory.{key}`"))
-                .expected(expected)
-        })
-    }
-
-    fn within(&self, key: &str, value: f64, [least, most]: [f64; 2], unit: &str) -> Result<f64, InputError> {
-        match (least..=most).contains(&value) {
-            true => Ok(value),
-            false => Err(self.refuse(
-                key,
-                "the value does not fit that",
-                value.to_string(),
-                &format!("{least} to {most} {unit}"),
-            )),
-        }
-    }
-
-    fn unit(&self, key: &str, value: [f64; 3]) -> Result<DVec3, InputError> {
-        let vector = DVec3::from_array(value);
-        let length = vector.length();
-        match length > 0.0 && length.is_finite() {
-            true => Ok(vector / length),
-            false => Err(self.refuse(
-                key,
-                "the direction has no length: that",
-                format!("{value:?}"),
-                "a vector that is not 0",
-            )),
-        }
-    }
-
-    fn distance(&self, key: &str, value: f64) -> Result<f64, InputError> {
-        self.within(key, value, [1e-3, 1e13], "m")
-    }
-
-    fn phase_rad(&self, key: &str, value: f64) -> Result<f64, InputError> {
-        Ok(self.within(key, value, [0.0, 180.0], "deg")?.to_radians())
-    }
-}
 
 /// The trajectory. With stars the ephemeris says where the Sun is, and all places become barycentric.
 ///

@@ -13,6 +13,7 @@ use retina_sky::time::parse_epoch;
 
 use crate::file::{GeneratedTable, GeneratorKind, SceneFile, TrajectoryKey};
 use crate::near_body::near_body;
+use crate::spacecraft::spacecraft;
 
 /// The trajectory and the hash of its table's text.
 pub(crate) fn trajectory(
@@ -48,6 +49,7 @@ pub(crate) fn trajectory(
                 | GeneratorKind::Approach => {
                     near_body(scene, table, bodies, file.stars.as_ref().map(|_| ephemeris))?
                 }
+                GeneratorKind::Spice => spacecraft(scene, table, bodies, ephemeris)?,
             };
             trajectory.source = scene.to_path_buf();
             let hash = hash_bytes(trajectory.to_csv().as_bytes());

@@ -31,10 +31,11 @@ use thiserror::Error;
 
 pub use self::kernels::KernelFile;
 use self::kernels::Kernels;
-pub(crate) use self::spk::SPK_KIND;
+pub(crate) use self::spk::{SPK_KIND, spans as spk_spans};
 pub use self::table::{BODIES, EphemerisTable};
 use crate::orientation;
 use crate::planets::Planet;
+pub use crate::spice::kernel_contents;
 use crate::spice::{self, Axes};
 use crate::time::{J2000_JD, format_epoch_tdb};
 use crate::{CENTURY_D, DAY_S};
@@ -56,7 +57,7 @@ pub enum EphemerisError {
         tdb_s: f64,
     },
     /// A body that no kernel has.
-    #[error("no ephemeris of {body} in {kernels}; add a kernel that has it, such as de440s.bsp")]
+    #[error("no ephemeris of {body} in {kernels}; add a kernel (.bsp) that has it")]
     NoBody {
         /// The kernels' paths.
         kernels: String,
@@ -85,6 +86,16 @@ pub enum EphemerisError {
         /// The epoch asked for, TDB seconds since J2000.
         tdb_s: f64,
         /// What hinders.
+        reason: String,
+    },
+    /// A frame whose axes no kernel turns at an epoch.
+    #[error("no axes of {frame} at {}: {reason}", format_epoch_tdb(*.tdb_s))]
+    Attitude {
+        /// The frame's or the body's name.
+        frame: String,
+        /// The epoch asked for, TDB seconds since J2000.
+        tdb_s: f64,
+        /// What is missing.
         reason: String,
     },
     /// An epoch at which no kernel says how a body is turned, though one does at others.
@@ -234,6 +245,40 @@ impl Ephemeris {
             return Ok(Some(turn));
         }
         Ok(orientation::body_from_inertial(name, tdb_s))
+    }
+
+    /// The rotation from ICRF axes to those of a frame at an epoch (TDB seconds since J2000): of a spacecraft or an
+    /// instrument, by its name or NAIF's number. CK and frame kernels say it.
+    ///
+    /// # Errors
+    /// No kernel defines the frame, or turns it at this epoch.
+    pub fn frame_from_inertial(&self, frame: &str, tdb_s: f64) -> Result<DQuat, EphemerisError> {
+        match &self.loaded {
+            Some(loaded) => loaded.axes.frame_from_inertial(frame, tdb_s),
+            None => Err(EphemerisError::Attitude {
+                frame: frame.to_owned(),
+                tdb_s,
+                reason: "there are no kernels".to_owned(),
+            }),
+        }
+    }
+
+    /// The geometric state of a body or spacecraft that kernels know, by its name or NAIF's number, from the Solar System's
+    /// barycentre at an epoch (TDB seconds since J2000).
+    ///
+    /// # Errors
+    /// No SPK kernel has it at this epoch, or leads from it to the barycentre.
+    pub fn state(&self, body: &str, tdb_s: f64) -> Result<State, EphemerisError> {
+        let unknown = |kernels: String| EphemerisError::NoBody { kernels, body: body.to_owned() };
+        let Some(loaded) = &self.loaded else { return Err(unknown("the analytical theories".to_owned())) };
+        let Some(kernels) = &loaded.places else { return Err(unknown(self.name())) };
+        if let Some(planet) = Planet::from_name(body) {
+            return kernels.planet(planet, tdb_s);
+        }
+        match loaded.axes.number(body) {
+            Some(number) => kernels.body(number, tdb_s),
+            None => Err(unknown(self.name())),
+        }
     }
 
     /// What turns a body where it is a kernel: the frame or the constants, and their files.

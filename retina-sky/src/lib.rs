@@ -9,6 +9,7 @@
 //! - [`planets`]: planets and the Moon as a camera sees them; [`magnitude`]: how bright they are.
 //! - [`deep_space`]: random poses among the planets.
 //! - [`site`]: places on the Earth, and cameras there.
+//! - [`spacecraft`]: a spacecraft's camera as SPICE kernels have it.
 //! - [`near_body`]: orbits, flybys, phase sweeps and approaches about one body.
 //! - [`forces`]: point masses and sunlight; how a spacecraft moves near the Moon.
 //! - [`halo`]: a LUMIO-like quasi-halo about the Earth-Moon L2 point.
@@ -30,6 +31,7 @@ pub mod orientation;
 pub mod planets;
 mod shooting;
 pub mod site;
+pub mod spacecraft;
 mod spice;
 pub mod time;
 pub mod trajectory;

@@ -193,8 +193,8 @@ fn kernels_that_do_not_fit_are_refused() {
         (
             "frames.tf",
             "FRAME_1990003_CLASS        = 2",
-            "FRAME_1990003_CLASS = 3",
-            "frames of this class are not read (found 3",
+            "FRAME_1990003_CLASS = 5",
+            "frames of this class are not read (found 5",
         ),
         (
             "frames.tf",
@@ -215,12 +215,12 @@ fn kernels_that_do_not_fit_are_refused() {
         assert!(error.contains(name) || error.contains("gone.tls"), "{error}");
     }
     let folder = Folder::new();
-    fs::write(folder.0.path().join("attitude.bc"), [&b"DAF/CK  "[..], &[0; 1016]].concat()).unwrap();
-    let meta = folder.change("all.tm", "frames.tf", "attitude.bc").0.path().join("all.tm");
+    fs::write(folder.0.path().join("events.ek"), [&b"DAF/EK  "[..], &[0; 1016]].concat()).unwrap();
+    let meta = folder.change("all.tm", "frames.tf", "events.ek").0.path().join("all.tm");
     let error = Ephemeris::read(&[meta]).unwrap_err();
-    assert!(error.to_string().contains("attitude.bc: a CK kernel (attitudes) is not read here"), "{error}");
+    assert!(error.to_string().contains("events.ek: a binary kernel of a kind that is not read"), "{error}");
     let help = error.help.unwrap();
-    assert!(help.contains("camera_from_inertial_w") && help.contains("KERNELS_TO_LOAD"), "{help}");
+    assert!(help.contains("SPK, CK and binary PCK") && help.contains("KERNELS_TO_LOAD"), "{help}");
 }
 
 #[test]

@@ -75,14 +75,18 @@ class Ephemeris:
         Parameters
         ----------
         body : str
-            ``"sun"``, ``"moon"``, or a planet such as ``"earth"``.
+            ``"sun"``, ``"moon"``, a planet such as ``"earth"``, or what kernels have, by name or NAIF's number as text
+            (a spacecraft: ``"-226"``).
         time : float, str, datetime, astropy.time.Time, or an array of them
             Epochs.
         """
         return _one_or_all(self._native.positions_m(body, _duck.times_s(time)), time)
 
     def velocity_m_s(self, body: str, time: Any) -> npt.NDArray[np.float64]:
-        """Return the velocity of the Sun, the Earth or the Moon, m/s, shaped as `position_m` gives it."""
+        """Return the velocity of a body, m/s, shaped as `position_m` gives it.
+
+        Without kernels there are velocities of the Sun, the Earth and the Moon.
+        """
         return _one_or_all(self._native.velocities_m_s(body, _duck.times_s(time)), time)
 
     def body_from_inertial(self, body: str, time: Any) -> npt.NDArray[np.float64]:
@@ -91,6 +95,14 @@ class Ephemeris:
         Kernels turn the bodies that they have (see `axes_source`), the built-in IAU elements the others.
         """
         return _one_or_all(self._native.orientations(body, _duck.times_s(time)), time)
+
+    def frame_from_inertial(self, frame: str, time: Any) -> npt.NDArray[np.float64]:
+        """Return the rotation from ICRF to a frame of the kernels: scalar-first quaternions, shape (4,) or (times, 4).
+
+        The frame is a spacecraft's, an instrument's or a body's, by name or NAIF's number as text. CK, frame and clock
+        kernels say how it is turned.
+        """
+        return _one_or_all(self._native.frame_turns(frame, _duck.times_s(time)), time)
 
     def axes_source(self, body: str) -> str | None:
         """Return the frame or the constants, and their kernels, that turn a body; None for the built-in elements."""

@@ -149,7 +149,7 @@ impl Kernels {
 
     /// Refuses kernels that have a body where it cannot be: a number that has changed, or a body of another number.
     fn check_places(&self) -> Result<(), InputError> {
-        for (file, Segment { target, span_s: [from_s, to_s] }) in &self.segments {
+        for (file, Segment { target, span_s: [from_s, to_s], .. }) in &self.segments {
             let Some([least_km, most_km]) = distance_km(*target) else { continue };
             for tdb_s in [*from_s, 0.5 * (from_s + to_s), *to_s] {
                 // What leads on to the barycentre may be in another kernel, for other epochs.
@@ -187,6 +187,14 @@ impl Kernels {
         self.state(self.planets[planet as usize], tdb_s)
     }
 
+    /// The geometric barycentric state of a body or spacecraft by NAIF's number.
+    ///
+    /// # Errors
+    /// As [`Kernels::sun`].
+    pub(super) fn body(&self, number: i32, tdb_s: f64) -> Result<State, EphemerisError> {
+        self.state(number, tdb_s)
+    }
+
     /// Along the chain of segments from a body to the Solar System's barycentre.
     fn state(&self, body: i32, tdb_s: f64) -> Result<State, EphemerisError> {
         let mut sum = State { position_m: DVec3::ZERO, velocity_m_s: DVec3::ZERO };
@@ -198,6 +206,11 @@ impl Kernels {
         let epoch = Epoch::from_et_seconds(tdb_s);
         let mut at = body;
         for _ in 0..MOST_LINKS {
+            let unread =
+                self.segments.iter().find_map(|(_, own)| own.unread.as_ref().filter(|_| own.target == at));
+            if let Some(reason) = unread {
+                return Err(self.lacking(at, tdb_s, reason));
+            }
             let link = self
                 .almanac
                 .translate_to_parent(Frame::from_ephem_j2000(at), epoch)

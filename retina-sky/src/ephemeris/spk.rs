@@ -18,12 +18,14 @@ const SEGMENT_TYPES: [i32; 7] = [1, 2, 3, 8, 9, 12, 13];
 pub(crate) const SPK_KIND: Kind = Kind { identity: b"DAF/SPK ", name: "SPK", integers: 6 };
 
 /// What a segment of a kernel gives.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Segment {
     /// Whose place: NAIF's number of the body.
     pub(super) target: i32,
     /// Epochs that it covers, TDB seconds since J2000.
     pub(super) span_s: [f64; 2],
+    /// Why it cannot be evaluated; never of bodies that every scene needs, whose kernel is refused instead.
+    pub(super) unread: Option<String>,
 }
 
 /// The segments of a kernel, once the file is known to hold them whole.
@@ -35,18 +37,31 @@ pub(super) fn segments(path: &Path, bytes: &[u8]) -> Result<Vec<Segment>, InputE
     let mut found = Vec::new();
     for summary in summaries(path, bytes, SPK_KIND)? {
         let [target, _, frame, kind] = summary.integers;
-        if is_used(target) {
-            check_segment(path, target, frame, kind)?;
+        let readable = check_segment(path, target, frame, kind).and_then(|()| {
             // Whatever evaluates the words trusts them.
             let segment = format!("segment of {}", body_name(target));
             let words = summary.numbers(path, bytes, &segment)?;
-            if let Some(flaw) = flaw(kind, summary.span_s, &words) {
-                return Err(damaged(path, flaw).at(segment));
+            match flaw(kind, summary.span_s, &words) {
+                Some(flaw) => Err(damaged(path, flaw).at(segment)),
+                None => Ok(()),
             }
-        }
-        found.push(Segment { target, span_s: summary.span_s });
+        });
+        let unread = match readable {
+            Err(error) if is_used(target) => return Err(error),
+            readable => readable.err().map(|error| error.to_string()),
+        };
+        found.push(Segment { target, span_s: summary.span_s, unread });
     }
     Ok(found)
+}
+
+/// The bodies that a kernel has, with the epochs of each of their segments.
+///
+/// # Errors
+/// As [`segments`].
+pub(crate) fn spans(path: &Path, bytes: &[u8]) -> Result<Vec<(String, [f64; 2])>, InputError> {
+    let own = segments(path, bytes)?;
+    Ok(own.into_iter().map(|segment| (body_name(segment.target), segment.span_s)).collect())
 }
 
 fn check_segment(path: &Path, target: i32, frame: i32, kind: i32) -> Result<(), InputError> {

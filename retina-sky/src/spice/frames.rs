@@ -1,5 +1,5 @@
-//! Frames of text kernels, as far as a body's axes need them (NAIF, Frames Required Reading): PCK frames (class 2) and
-//! fixed offsets (class 4).
+//! Frames of text kernels (NAIF, Frames Required Reading): PCK frames (class 2), CK frames (class 3) and fixed offsets
+//! (class 4).
 
 use std::f64::consts::PI;
 
@@ -8,7 +8,7 @@ use retina_files::InputError;
 
 use super::bpc::{ECLIPJ2000, J2000};
 use super::names;
-use super::text::{Pool, Variable};
+use super::text::Pool;
 
 /// Most fixed offsets from a body's axes to those that a kernel turns.
 const MOST_OFFSETS: usize = 10;
@@ -26,6 +26,8 @@ pub(super) enum Base {
     Pck(i32),
     /// The IAU axes of the body of this number.
     Iau(i32),
+    /// The axes of this number in CK kernels.
+    Ck(i32),
 }
 
 /// A frame down to what turns it.
@@ -37,33 +39,35 @@ pub(super) struct Frame {
     pub(super) frame_from_base: DQuat,
 }
 
+/// Makes an error about a frame: its name, and the problem.
+pub(super) type Asked<'a> = &'a dyn Fn(&str, &str) -> InputError;
+
 /// The frame whose number or name this is.
 ///
 /// # Errors
-/// The kernels do not define it, or by means that are not read. `asked` names it in whose stead.
-pub(super) fn frame(pool: &Pool, asked: &Variable, name_or_number: &str) -> Result<Frame, InputError> {
+/// The kernels do not define it, or by means that are not read. `asked` says who asked for it.
+pub(super) fn frame(pool: &Pool, asked: Asked<'_>, name_or_number: &str) -> Result<Frame, InputError> {
     let (mut at, mut turn) = (name_or_number.to_owned(), DQuat::IDENTITY);
     for _ in 0..MOST_OFFSETS {
         if let Some(base) = built_in(pool, &at) {
             return Ok(Frame { name: name_or_number.to_owned(), base, frame_from_base: turn });
         }
         let Some(number) = number(pool, &at)? else {
-            return Err(asked
-                .error(name_or_number, "the axes are not defined")
+            return Err(asked(name_or_number, "the axes are not defined")
                 .found(format!("no FRAME_{at}"))
                 .expected("a text frame kernel (.tf) that defines them")
                 .help("name that kernel too, in a meta-kernel or beside this one"));
         };
         let class_name = format!("FRAME_{number}_CLASS");
         match pool.integer(&class_name)? {
-            Some(2) => {
+            Some(class @ (2 | 3)) => {
                 let id = format!("FRAME_{number}_CLASS_ID");
                 let Some(axes) = pool.integer(&id)? else {
-                    return Err(asked.error(&at, "the frame is not complete").found(format!("no {id}")));
+                    return Err(asked(&at, "the frame is not complete").found(format!("no {id}")));
                 };
                 return Ok(Frame {
                     name: name_or_number.to_owned(),
-                    base: Base::Pck(axes),
+                    base: if class == 2 { Base::Pck(axes) } else { Base::Ck(axes) },
                     frame_from_base: turn,
                 });
             }
@@ -76,16 +80,15 @@ pub(super) fn frame(pool: &Pool, asked: &Variable, name_or_number: &str) -> Resu
                 return Err(pool.variables[&class_name]
                     .error(&class_name, "frames of this class are not read")
                     .found(class)
-                    .expected("2 (PCK) or 4 (a fixed offset)")
-                    .help("give the body's axes as columns of the trajectory"));
+                    .expected("2 (PCK), 3 (CK) or 4 (a fixed offset)")
+                    .help("give these axes as columns of the trajectory"));
             }
             None => {
-                return Err(asked.error(&at, "the frame is not complete").found(format!("no {class_name}")));
+                return Err(asked(&at, "the frame is not complete").found(format!("no {class_name}")));
             }
         }
     }
-    Err(asked
-        .error(name_or_number, "the offsets of the frame do not end")
+    Err(asked(name_or_number, "the offsets of the frame do not end")
         .expected(format!("{MOST_OFFSETS} at most")))
 }
 
@@ -119,13 +122,13 @@ pub(super) fn body_of_axes(axes: i32) -> Option<(i32, &'static str)> {
 }
 
 /// The rotation from a frame of class 4 to the one that it is relative to, and that one's name.
-fn offset(pool: &Pool, asked: &Variable, number: i32, name: &str) -> Result<(DQuat, String), InputError> {
+fn offset(pool: &Pool, asked: Asked<'_>, number: i32, name: &str) -> Result<(DQuat, String), InputError> {
     let of = |item: &str| {
         let by_number = format!("TKFRAME_{number}_{item}");
         if pool.variables.contains_key(&by_number) { by_number } else { format!("TKFRAME_{name}_{item}") }
     };
     let missing =
-        |item: &str| asked.error(name, "the fixed offset is not complete").found(format!("no {}", of(item)));
+        |item: &str| asked(name, "the fixed offset is not complete").found(format!("no {}", of(item)));
     let relative = pool.text(&of("RELATIVE"))?.ok_or_else(|| missing("RELATIVE"))?.to_owned();
     let spec = pool.text(&of("SPEC"))?.ok_or_else(|| missing("SPEC"))?.to_ascii_uppercase();
     let numbers =

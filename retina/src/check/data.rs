@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use retina_files::{InputError, MOST_IMAGE_PIXELS, decode_image, read_bytes, read_text};
+use retina_sky::ephemeris::{Ephemeris, kernel_contents};
 use serde_json::Value;
 
 use super::Checked;
@@ -178,13 +179,16 @@ pub(super) fn check_glasses(path: &Path) -> Result<Checked, InputError> {
 }
 
 pub(super) fn check_kernel(path: &Path) -> Result<Checked, InputError> {
-    let ephemeris = retina_sky::ephemeris::Ephemeris::read(&[path.to_path_buf()])?;
-    let names: Vec<String> = ephemeris.kernel_files().iter().map(|file| file.name()).collect();
-    let mut out = Checked::new("SPICE kernel")
-        .says(format!("{}; a scene names it in `[ephemeris] kernels`", names.join(", ")));
-    let turned = ephemeris.turned_bodies();
-    if !turned.is_empty() {
-        out = out.says(format!("the axes of {}", turned.join(", ")));
+    let mut out = Checked::new("SPICE kernel");
+    for said in kernel_contents(path)? {
+        out = out.says(said);
     }
-    Ok(out)
+    // What a meta-kernel names must fit together.
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("tm")) {
+        let turned = Ephemeris::read(&[path.to_path_buf()])?.turned_bodies();
+        if !turned.is_empty() {
+            out = out.says(format!("together they turn {}", turned.join(", ")));
+        }
+    }
+    Ok(out.says("a scene names it in `[ephemeris] kernels`"))
 }

@@ -99,14 +99,14 @@ pub fn check(path: &Path, company: &Company) -> Result<Checked, InputError> {
         "exr" => data::check_exr(path),
         "zmx" => data::check_lenses(path),
         "agf" => data::check_glasses(path),
-        "bsp" | "bpc" | "tpc" | "tf" | "tls" | "tm" | "bc" => data::check_kernel(path),
+        "bsp" | "bpc" | "bc" | "tpc" | "tf" | "tsc" | "tls" | "tm" => data::check_kernel(path),
         other => {
             // Says why, where it cannot even be read.
             read_bytes(path)?;
             Err(InputError::new(path, "is no file that RETINA knows")
                 .found(if other.is_empty() { "no extension".to_owned() } else { format!("`.{other}`") })
                 .expected(
-                    "toml, csv, json, jsonl, glb, gltf, obj, icq, bds, dsk, png, tiff, jpg, fits, exr, zmx, agf, bsp, bpc, tpc, tf, tls, tm, or a folder",
+                    "toml, csv, json, jsonl, glb, gltf, obj, icq, bds, dsk, png, tiff, jpg, fits, exr, zmx, agf, bsp, bpc, bc, tpc, tf, tsc, tls, tm, or a folder",
                 ))
         }
     }
