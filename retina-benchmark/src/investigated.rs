@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use crate::algebra::{beside, rms};
 use crate::forms::FORMULA;
 use crate::generate::{Derived, io, to_bytes};
+use crate::lists::{self, Part, finished};
 use crate::plan::{Kind, Plan};
 use crate::points::baseline_of_table;
 use crate::run::{predict, read};
@@ -26,6 +27,8 @@ use crate::score::{FINDABLE_SIGMA, Target, field_error, lines, numbers};
 
 /// Largest error of the predicted field, over its rms, of a formula that counts as equivalent.
 const EQUIVALENT: f64 = 0.2;
+/// Stem of the lists of finished sets.
+const LIST: &str = "investigated";
 
 /// What was said of a set.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -41,24 +44,26 @@ struct Investigated {
     seconds: f64,
 }
 
-/// Investigates all sets that are not finished; `progress` is told finished, total and seconds left.
+/// Investigates all sets that are not finished, of a part or of all; `progress` is told finished, total and seconds left.
 ///
 /// # Errors
 /// A table cannot be read or a result not be written.
 pub fn investigate_sets(
     folder: &Path,
     setup: &Path,
+    part: Option<Part>,
     progress: impl Fn(usize, usize, f64) + Sync,
 ) -> Result<(), InputError> {
     let setup = Setup::named(setup, Path::new(""))?;
-    let path = folder.join("investigated.jsonl");
-    let before: Vec<Investigated> = if path.exists() { lines(&path)? } else { Vec::new() };
-    let done: HashSet<usize> = before.iter().map(|f| f.set).collect();
+    let done: HashSet<usize> = finished::<Investigated>(folder, LIST)?.iter().map(|f| f.set).collect();
     let plans: Vec<Plan> = lines(&folder.join("sealed").join("truth.jsonl"))?;
-    let open: Vec<usize> = plans.iter().map(|p| p.set).filter(|set| !done.contains(set)).collect();
+    let own = |set: &usize| Part::has(part, *set);
+    let all = plans.iter().map(|p| p.set).filter(own).count();
+    let open: Vec<usize> =
+        plans.iter().map(|p| p.set).filter(own).filter(|set| !done.contains(set)).collect();
     std::fs::create_dir_all(folder.join("predicted")).map_err(|error| io(folder, &error))?;
-    let options = std::fs::OpenOptions::new().create(true).append(true).open(&path);
-    let out = Mutex::new((options.map_err(|error| io(&path, &error))?, 0usize));
+    let (file, path) = lists::open::<Investigated>(folder, LIST, part)?;
+    let out = Mutex::new((file, 0usize));
     let start = Instant::now();
     open.par_iter().with_max_len(1).try_for_each(|&set| {
         let found = one(folder, &setup, set)?;
@@ -67,7 +72,7 @@ pub fn investigate_sets(
         out.0.write_all(text.as_bytes()).map_err(|error| io(&path, &error))?;
         out.1 += 1;
         let left = start.elapsed().as_secs_f64() / out.1 as f64 * (open.len() - out.1) as f64;
-        progress(done.len() + out.1, plans.len(), left);
+        progress(all - open.len() + out.1, all, left);
         Ok(())
     })
 }
@@ -167,7 +172,7 @@ fn fresh_error(folder: &Path, set: usize) -> Option<f64> {
 pub fn score_investigated(folder: &Path) -> Result<(Vec<Target>, String), InputError> {
     let plans: Vec<Plan> = lines(&folder.join("sealed").join("truth.jsonl"))?;
     let derived: Vec<Derived> = lines(&folder.join("sealed").join("derived.jsonl"))?;
-    let said: Vec<Investigated> = lines(&folder.join("investigated.jsonl"))?;
+    let said: Vec<Investigated> = finished(folder, LIST)?;
     let derived: HashMap<usize, Derived> = derived.into_iter().map(|d| (d.set, d)).collect();
     let said: HashMap<usize, Investigated> = said.into_iter().map(|s| (s.set, s)).collect();
     let mut right = HashMap::<String, [usize; 4]>::new();

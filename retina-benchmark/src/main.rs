@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Parser;
-use retina_benchmark::{decide_pairs, generate, investigate_sets, run, score, score_investigated};
+use retina_benchmark::{
+    Part as Shard, decide_pairs, generate, investigate_sets, run, score, score_investigated,
+};
 use retina_files::InputError;
 
 /// The workbench's benchmark: tables with hidden effects, the workbench's answers, and how often they are right.
@@ -30,6 +32,12 @@ struct Arguments {
     /// The facility.
     #[arg(long, default_value = "assets/setups/wide-fov.toml")]
     setup: PathBuf,
+    /// Runs the sets whose number is I modulo N alone, and does not score.
+    ///
+    /// Write the sets by --only generate, then run all shards into the same folder, on any machines, then
+    /// --only score.
+    #[arg(long, value_name = "I/N", allow_hyphen_values = true)]
+    shard: Option<Shard>,
     /// Does this part alone; otherwise makes what is missing, runs what is open, and scores.
     #[arg(long, value_enum)]
     only: Option<Part>,
@@ -56,7 +64,22 @@ fn main() -> ExitCode {
 }
 
 fn all(arguments: &Arguments) -> Result<(), InputError> {
-    let does = |part| arguments.only.is_none_or(|only| only == part);
+    let only = match (arguments.shard, arguments.only, arguments.kind.as_deref()) {
+        (Some(_), _, Some("decide")) => {
+            return Err(InputError::new(Path::new("--shard"), "`--kind decide` runs in one piece")
+                .help("give each campaign of pairs a --seed and a --dir of its own"));
+        }
+        (Some(_), Some(Part::Generate | Part::Score), _) => {
+            return Err(InputError::new(
+                Path::new("--shard"),
+                "sets are run in shards, and neither written nor scored",
+            )
+            .expected("--only run, or no --only"));
+        }
+        (Some(_), _, _) => Some(Part::Run),
+        (None, only, _) => only,
+    };
+    let does = |part| only.is_none_or(|only| only == part);
     let progress = |done, total, left_s: f64| {
         eprintln!("{done} of {total} sets, {:.0} min {:02.0} s left", (left_s / 60.0).floor(), left_s % 60.0);
     };
@@ -68,13 +91,13 @@ fn all(arguments: &Arguments) -> Result<(), InputError> {
         return Ok(());
     }
     let sealed = arguments.dir.join("sealed").join("truth.jsonl");
-    if does(Part::Generate) && (arguments.only.is_some() || !sealed.exists()) {
+    if does(Part::Generate) && (only.is_some() || !sealed.exists()) {
         let hash = generate(&arguments.dir, arguments.seed, arguments.sets, arguments.kind.as_deref())?;
         eprintln!("{} sets of seed {}, truth {hash}", arguments.sets, arguments.seed);
     }
     if arguments.kind.as_deref().is_some_and(|kind| kind.starts_with("formula")) {
         if does(Part::Run) {
-            investigate_sets(&arguments.dir, &arguments.setup, progress)?;
+            investigate_sets(&arguments.dir, &arguments.setup, arguments.shard, progress)?;
         }
         if does(Part::Score) {
             let (_, markdown) = score_investigated(&arguments.dir)?;
@@ -84,7 +107,7 @@ fn all(arguments: &Arguments) -> Result<(), InputError> {
         return Ok(());
     }
     if does(Part::Run) {
-        run(&arguments.dir, &arguments.setup, progress)?;
+        run(&arguments.dir, &arguments.setup, arguments.shard, progress)?;
     }
     if does(Part::Score) {
         let outcome = score(&arguments.dir)?;

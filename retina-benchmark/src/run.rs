@@ -16,6 +16,7 @@ use retina_geometry::Setup;
 use serde::{Deserialize, Serialize};
 
 use crate::generate::{io, to_bytes};
+use crate::lists::{self, Part, finished};
 
 /// What the workbench said of a table.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -42,59 +43,33 @@ pub(crate) struct Finished {
     pub(crate) seconds: f64,
 }
 
-/// The finished sets of a folder.
-///
-/// # Errors
-/// A line cannot be read.
-pub(crate) fn finished(folder: &Path) -> Result<Vec<Finished>, InputError> {
-    let path = folder.join("results.jsonl");
-    let Ok(text) = std::fs::read_to_string(&path) else { return Ok(Vec::new()) };
-    let mut out = Vec::new();
-    let lines: Vec<&str> = text.lines().collect();
-    for (k, line) in lines.iter().enumerate() {
-        match serde_json::from_str(line) {
-            Ok(set) => out.push(set),
-            // A run that was stopped may leave half a line at the end.
-            Err(_) if k + 1 == lines.len() && !text.ends_with('\n') => {}
-            Err(error) => {
-                return Err(InputError::new(&path, "holds a line that is no result")
-                    .at(format!("line {}", k + 1))
-                    .found(error.to_string())
-                    .help("delete that line; its set is run again"));
-            }
-        }
-    }
-    Ok(out)
-}
+/// Stem of the lists of finished sets.
+pub(crate) const LIST: &str = "results";
 
-/// Runs all sets that are not finished; `progress` is told finished, total and seconds left.
+/// Runs all sets that are not finished, of a part or of all; `progress` is told finished, total and seconds left.
 ///
 /// # Errors
 /// A table cannot be read or a result not be written.
 pub fn run(
     folder: &Path,
     setup: &Path,
+    part: Option<Part>,
     progress: impl Fn(usize, usize, f64) + Sync,
 ) -> Result<(), InputError> {
     let setup = Setup::named(setup, Path::new(""))?;
-    let path = folder.join("results.jsonl");
-    let before = finished(folder)?;
-    // Half a line is written anew.
-    let mut text = String::new();
-    for set in &before {
-        text.push_str(&line(set)?);
-    }
-    std::fs::write(&path, text).map_err(|error| io(&path, &error))?;
-    let done: HashSet<usize> = before.iter().map(|f| f.set).collect();
+    let done: HashSet<usize> = finished::<Finished>(folder, LIST)?.iter().map(|f| f.set).collect();
     let sets = folder.join("sets");
     let entries = std::fs::read_dir(&sets).map_err(|error| {
         InputError::new(&sets, format!("cannot be read: {error}")).help("`generate` writes the sets")
     })?;
-    let mut all: Vec<usize> =
-        entries.filter_map(|entry| entry.ok()?.file_name().to_string_lossy().parse().ok()).collect();
+    let mut all: Vec<usize> = entries
+        .filter_map(|entry| entry.ok()?.file_name().to_string_lossy().parse().ok())
+        .filter(|&set| Part::has(part, set))
+        .collect();
     all.sort_unstable();
     let open: Vec<usize> = all.iter().copied().filter(|set| !done.contains(set)).collect();
-    let file = std::fs::OpenOptions::new().append(true).open(&path).map_err(|error| io(&path, &error))?;
+    let before = all.len() - open.len();
+    let (file, path) = lists::open::<Finished>(folder, LIST, part)?;
     let out = Mutex::new((file, 0usize));
     let start = Instant::now();
     open.par_iter().with_max_len(1).try_for_each(|&set| {
@@ -103,7 +78,7 @@ pub fn run(
         out.0.write_all(result.as_bytes()).map_err(|error| io(&path, &error))?;
         out.1 += 1;
         let left = start.elapsed().as_secs_f64() / out.1 as f64 * (open.len() - out.1) as f64;
-        progress(done.len() + out.1, all.len(), left);
+        progress(before + out.1, all.len(), left);
         Ok(())
     })
 }

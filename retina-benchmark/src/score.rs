@@ -10,9 +10,10 @@ use serde_json::{Value, json};
 use crate::algebra::{beside, rms};
 use crate::forms::KNOWN;
 use crate::generate::Derived;
+use crate::lists::finished;
 use crate::plan::{Kind, Plan, class_of};
 use crate::points::baseline_of_table;
-use crate::run::{Finished, Said, finished};
+use crate::run::{Finished, LIST, Said};
 
 /// An effect weaker than this many sigmas to who knows its form cannot be found among all candidates.
 pub(crate) const FINDABLE_SIGMA: f64 = 4.0;
@@ -148,7 +149,7 @@ pub fn score(folder: &Path) -> Result<Outcome, InputError> {
     let derived: Vec<Derived> = lines(&folder.join("sealed").join("derived.jsonl"))?;
     let mut truth: HashMap<usize, (Plan, Derived)> =
         plans.into_iter().zip(derived).map(|(p, d)| (p.set, (p, d))).collect();
-    let mut results = finished(folder)?;
+    let mut results: Vec<Finished> = finished(folder, LIST)?;
     results.sort_by_key(|f| f.set);
     let sets: Vec<Set> = results
         .into_iter()

@@ -18,7 +18,7 @@ fn a_round_of_forty_sets() {
         sealed.lines().any(|line| line == format!("seed {SEED}, {SETS} sets: {hash}")),
         "{hash} is not the sealed truth"
     );
-    run(folder.path(), &root.join("assets/setups/wide-fov.toml"), |_, _, _| ()).unwrap();
+    run(folder.path(), &root.join("assets/setups/wide-fov.toml"), None, |_, _, _| ()).unwrap();
     let outcome = score(folder.path()).unwrap();
     println!("{}", outcome.markdown);
     let missed = |words: &str| -> usize {
@@ -44,7 +44,7 @@ fn a_run_that_was_stopped_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     // Phase curves alone: they are quick.
     generate(folder.path(), 5, 80, Some("phase")).unwrap();
-    run(folder.path(), &setup, |_, _, _| ()).unwrap();
+    run(folder.path(), &setup, None, |_, _, _| ()).unwrap();
     let path = folder.path().join("results.jsonl");
     let whole = std::fs::read_to_string(&path).unwrap();
     let said = |text: &str| -> Vec<String> {
@@ -57,11 +57,22 @@ fn a_run_that_was_stopped_goes_on() {
     std::fs::write(&path, &whole[..whole.len() - 40]).unwrap();
     let mut open = 0;
     let told = std::sync::Mutex::new(&mut open);
-    run(folder.path(), &setup, |_, total, _| {
+    run(folder.path(), &setup, None, |_, total, _| {
         assert_eq!(total, 4);
         **told.lock().unwrap() += 1;
     })
     .unwrap();
     assert_eq!(open, 1);
     assert_eq!(said(&std::fs::read_to_string(&path).unwrap()), said(&whole));
+    // In shards: the same lines, in lists of their own, and the same scores.
+    let scored = score(folder.path()).unwrap().markdown;
+    std::fs::remove_file(&path).unwrap();
+    for part in ["0/3", "2/3", "1/3", "1/3"] {
+        run(folder.path(), &setup, Some(part.parse().unwrap()), |_, _, _| ()).unwrap();
+    }
+    assert!(!path.exists());
+    let lists = (0..3).map(|part| folder.path().join(format!("results-{part}-of-3.jsonl")));
+    let all: String = lists.map(|list| std::fs::read_to_string(list).unwrap()).collect();
+    assert_eq!(said(&all), said(&whole));
+    assert_eq!(score(folder.path()).unwrap().markdown, scored);
 }

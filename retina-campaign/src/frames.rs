@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use retina_bench::{Bench, BenchError, Exposure, OpticsDetail, ScreenImage};
 use retina_files::{
-    InputError, MOST_IMAGE_PIXELS, decode_image, hash_bytes, hash_file, read_bytes, write_atomic,
+    InputError, MOST_IMAGE_PIXELS, decode_image, hash_bytes, hash_file, read_bytes, read_text, write_atomic,
 };
 
 use crate::points::{camera_image, make_folder};
@@ -15,6 +15,9 @@ use crate::{Facility, TemperatureProfile};
 pub struct FramesOptions {
     /// Folder of screen images: `frames/NNNNNN.png` as `retina render` writes them, or PNG files themselves.
     pub screens: PathBuf,
+    /// The place of each screen image in the sequence, which decides its time and its noise; `None`: they are the whole
+    /// sequence.
+    pub places: Option<Vec<usize>>,
     /// Exposure time, s; by default the brightest pixel of the first frame fills 60 % of the full well.
     pub exposure_s: Option<f64>,
     /// Between frames, s.
@@ -106,11 +109,65 @@ pub fn predicted_by(screen: &Path) -> PathBuf {
 const MADE_FROM: &str = "images/made-from.txt";
 
 fn made_from(facility: &Facility, options: &FramesOptions, files: &[PathBuf]) -> Result<String, InputError> {
-    let mut text = format!("{facility:?}\n{options:?}\n");
+    // The screens are told by their content: their folder may be named otherwise next time.
+    let own = FramesOptions { screens: PathBuf::new(), ..options.clone() };
+    let mut text = format!("{facility:?}\n{own:?}\n");
     for file in files {
         text.push_str(&hash_file(file)?);
     }
     Ok(format!("{}\n", hash_bytes(text.as_bytes())))
+}
+
+/// Takes over the photographs of a campaign's parts, each with its options and its folder, before [`simulate_frames`] takes
+/// those that are missing: their files are linked where the file system allows it, and copied elsewhere. Gives the
+/// folders that are not taken over, or not whole: they are not there, or are of something else than their options say.
+///
+/// # Errors
+/// A file that cannot be read or written.
+pub fn adopt_frames(
+    facility: &Facility,
+    options: &FramesOptions,
+    parts: &[(FramesOptions, PathBuf)],
+    out: &Path,
+) -> Result<Vec<PathBuf>, InputError> {
+    let (images, mark) = (out.join("images"), out.join(MADE_FROM));
+    if !mark.exists() && screens_of(&images).is_ok() {
+        // Photographs of unknown origin: `simulate_frames` refuses them.
+        return Ok(Vec::new());
+    }
+    let cannot = |path: &Path, error: &dyn std::fmt::Display| {
+        InputError::new(path, format!("cannot be written: {error}"))
+    };
+    let mut left = Vec::new();
+    for (part, folder) in parts {
+        let theirs = folder.join(MADE_FROM);
+        let own = match screens_of(&part.screens) {
+            Ok(files) if theirs.exists() => read_text(&theirs)? == made_from(facility, part, &files)?,
+            _ => false,
+        };
+        if !own {
+            left.push(folder.clone());
+            continue;
+        }
+        if !mark.exists() {
+            make_folder(&images)?;
+            let whole = made_from(facility, options, &screens_of(&options.screens)?)?;
+            write_atomic(&mark, whole.as_bytes()).map_err(|error| cannot(&mark, &error))?;
+        }
+        let mut is_whole = true;
+        for screen in screens_of(&part.screens)? {
+            let name = screen.file_name().unwrap_or_default();
+            let (from, to) = (folder.join("images").join(name), images.join(name));
+            is_whole &= to.exists() || from.exists();
+            if !to.exists() && from.exists() && std::fs::hard_link(&from, &to).is_err() {
+                write_atomic(&to, &read_bytes(&from)?).map_err(|error| cannot(&to, &error))?;
+            }
+        }
+        if !is_whole {
+            left.push(folder.clone());
+        }
+    }
+    Ok(left)
 }
 
 /// Photographs each screen image: `out/images/NAME.png` and `out/frames.csv`, which names the linear EXR
@@ -125,12 +182,35 @@ pub fn simulate_frames(
     out: &Path,
     progress: impl Fn(usize, usize),
 ) -> Result<FramesResult, BenchError> {
+    photograph(facility, None, options, out, progress)
+}
+
+/// As [`simulate_frames`], on the facility's bench where that is built already, in the options' detail.
+///
+/// # Errors
+/// As there.
+pub fn photograph_frames(
+    facility: &Facility,
+    bench: &Bench,
+    options: &FramesOptions,
+    out: &Path,
+    progress: impl Fn(usize, usize),
+) -> Result<FramesResult, BenchError> {
+    photograph(facility, Some(bench), options, out, progress)
+}
+
+fn photograph(
+    facility: &Facility,
+    bench: Option<&Bench>,
+    options: &FramesOptions,
+    out: &Path,
+    progress: impl Fn(usize, usize),
+) -> Result<FramesResult, BenchError> {
     let files = screens_of(&options.screens)?;
     let images = out.join("images");
     make_folder(&images)?;
     let (mark, own) = (out.join(MADE_FROM), made_from(facility, options, &files)?);
-    let others =
-        if mark.exists() { retina_files::read_text(&mark)? != own } else { screens_of(&images).is_ok() };
+    let others = if mark.exists() { read_text(&mark)? != own } else { screens_of(&images).is_ok() };
     if others {
         return Err(InputError::new(&images, "holds images that were made from something else")
             .help("give --out another folder, or empty this one")
@@ -138,15 +218,32 @@ pub fn simulate_frames(
     }
     write_atomic(&mark, own.as_bytes())
         .map_err(|error| InputError::new(&mark, format!("cannot be written: {error}")))?;
-    let bench = facility.bench(options.detail)?;
+    let built;
+    let bench = match bench {
+        Some(bench) => bench,
+        None => {
+            built = facility.bench(options.detail)?;
+            &built
+        }
+    };
     let exposure_s = match options.exposure_s {
         Some(exposure_s) => exposure_s,
-        None => well_exposed_s(&bench, &read_screen(&files[0])?)?.ok_or_else(|| {
+        None => well_exposed_s(bench, &read_screen(&files[0])?)?.ok_or_else(|| {
             InputError::new(&files[0], "the first screen image is dark").help("give the exposure time")
         })?,
     };
     let mut list = String::from("predicted,measured,time_s,temperature_c,exposure_s\n");
-    for (index, file) in files.iter().enumerate() {
+    if let Some(places) = options.places.as_ref().filter(|places| places.len() != files.len()) {
+        return Err(InputError::new(
+            &options.screens,
+            "the screens are not those of this part of the sequence",
+        )
+        .found(format!("{} screen images", files.len()))
+        .expected(places.len())
+        .into());
+    }
+    for (number, file) in files.iter().enumerate() {
+        let index = options.places.as_ref().map_or(number, |places| places[number]);
         let time_s = index as f64 * options.interval_s;
         let temperature_c = options.temperature.at_c(time_s);
         let pose = facility.dynamics.pose(
@@ -162,14 +259,14 @@ pub fn simulate_frames(
         let target = images.join(name);
         if !target.exists() {
             let frame = bench.expose(&read_screen(file)?, &exposure)?;
-            camera_image(&bench, frame).write_png(&target)?;
+            camera_image(bench, frame).write_png(&target)?;
         }
         list.push_str(&format!(
             "{},images/{},{time_s},{temperature_c},{exposure_s}\n",
             predicted_by(file).display(),
             name.to_string_lossy()
         ));
-        progress(index + 1, files.len());
+        progress(number + 1, files.len());
     }
     let path = out.join("frames.csv");
     write_atomic(&path, list.as_bytes())

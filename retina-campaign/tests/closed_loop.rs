@@ -156,6 +156,7 @@ fn photographs_of_one_run_stay_apart_from_anothers() {
     let out = folder.path().join("out");
     let options = FramesOptions {
         screens,
+        places: None,
         exposure_s: None,
         interval_s: 60.0,
         temperature: TemperatureProfile::Constant,

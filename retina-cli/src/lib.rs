@@ -38,6 +38,8 @@ enum Command {
     Render(command::render::Arguments),
     /// Cuts a scene or a campaign into shards, and writes what an engine takes to run them.
     Plan(command::cluster::plan::Arguments),
+    /// Runs one command over many values, each run in a folder of its own, and joins what they say.
+    Runs(command::cluster::runs::Arguments),
     /// Counts what is done, torn, missing and slow in a plan or a folder of frames.
     Status(command::cluster::status::Arguments),
     /// Joins the shards of a scene into one folder, every file held to its hash.
@@ -135,6 +137,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let result = match arguments.command {
         Command::Render(arguments) => command::render::run(arguments),
         Command::Plan(arguments) => command::cluster::plan::run(&arguments),
+        Command::Runs(arguments) => command::cluster::runs::run(&arguments),
         Command::Status(arguments) => command::cluster::status::run(&arguments),
         Command::Merge(arguments) => command::cluster::merge::run(&arguments),
         Command::Export(arguments) => command::export::run(&arguments),

@@ -143,6 +143,123 @@ fn a_far_range_campaign_is_cut_into_shards() {
 }
 
 #[test]
+fn a_full_disk_campaign_in_shards_is_one_run() {
+    let fixture = Fixture::with_frames(6);
+    fixture.edit("scene.toml", "setup.toml", "wide-fov");
+    fixture.edit("scene.toml", "calibration = \"calibration.toml\"", "");
+    fixture.write(
+        "disk.toml",
+        "schema = \"retina.full-disk/1\"\nscene = \"scene.toml\"\nframes = \"1..4\"\nevery = 2\nseed = 5\n\
+         campaign = { exposures = 4, points = 40 }\n",
+    );
+    let whole = |out: &str| {
+        let mut command = retina();
+        command.args(["navigate", "full-disk"]).arg(fixture.path("disk.toml"));
+        command.args(["--backend", "native", "--out"]).arg(fixture.path(out)).output().unwrap()
+    };
+    assert_done(&whole("whole"));
+    let cut = ["--shards", "2", "--format", "shell", "--cpus", "2"];
+    assert_done(&plan(&fixture, "disk.toml", "plan", &cut));
+    let own = fixture.path("plan");
+    let found = status(&own, &[]);
+    assert_eq!((found["unit"].as_str(), found["items"].as_u64()), (Some("frames"), Some(2)));
+    assert_eq!((&found["shards"][0]["items"], &found["shards"][1]["items"]), (&1.into(), &1.into()));
+    assert_done(&script(&own, "task.sh", &["1"]));
+    let found = status(&own, &[]);
+    assert_eq!((found["done"].as_u64(), &found["shards"][1]["state"]), (Some(1), &"done".into()));
+    assert_done(&script(&own, "task.sh", &["0"]));
+    assert_eq!(status(&own, &[])["complete"], true);
+    // A photograph of a part that is gone is taken anew, and is the same.
+    fs::remove_file(own.join("results/parts/1-of-2/bench/upstream/images/000003.png")).unwrap();
+    let finished = script(&own, "finish.sh", &[]);
+    assert_done(&finished);
+    assert!(stderr(&finished).contains("1-of-2"), "{}", stderr(&finished));
+    let read = |folder: &Path, name: &str| fs::read(folder.join(name)).unwrap();
+    let (one, joined) = (fixture.path("whole"), own.join("results"));
+    for name in ["screen/uncompensated", "screen/upstream"] {
+        for kind in ["frames", "truth"] {
+            assert_eq!(contents(&one.join(name).join(kind)), contents(&joined.join(name).join(kind)));
+        }
+    }
+    for name in ["bench/uncompensated/images", "bench/upstream/images"] {
+        assert_eq!(contents(&one.join(name)).len(), 3);
+        assert_eq!(contents(&one.join(name)), contents(&joined.join(name)), "{name}");
+    }
+    assert_eq!(read(&one, "full-disk.json"), read(&joined, "full-disk.json"));
+    // The parts' photographs are not another copy.
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt as _;
+        let linked = fs::metadata(joined.join("bench/upstream/images/000001.png")).unwrap();
+        assert_eq!(linked.nlink(), 2);
+    }
+    assert_refused(
+        &plan(&fixture, "disk.toml", "more", &["--shards", "3", "--format", "shell"]),
+        &["there are 2 frames"],
+    );
+}
+
+#[test]
+fn runs_of_a_command_are_cut_into_shards() {
+    let fixture = Fixture::new();
+    let runs = r#"schema = "retina.runs/1"
+command = ["trajectory", "--frames", "2", "--step-s", "{step}", "--out", "{out}/halo.csv", "--json"]
+collect = { frames = "/frames" }
+[values]
+step = [60, 86.5, "300"]
+"#;
+    fixture.write("runs.toml", runs);
+    assert_done(&plan(&fixture, "runs.toml", "plan", &["--shards", "2", "--format", "shell"]));
+    let own = fixture.path("plan");
+    let found = status(&own, &[]);
+    assert_eq!((found["unit"].as_str(), found["items"].as_u64()), (Some("runs"), Some(3)));
+    assert_refused(&script(&own, "finish.sh", &[]), &["runs are missing", "0 of 3 runs"]);
+    assert_done(&script(&own, "task.sh", &["1"]));
+    assert_eq!(status(&own, &[])["done"], 1);
+    assert_done(&script(&own, "submit.sh", &[]));
+    assert_eq!(status(&own, &[])["complete"], true);
+    let table = fs::read_to_string(own.join("results/runs.csv")).unwrap();
+    let lines: Vec<&str> = table.lines().collect();
+    assert_eq!((lines[0], lines.len()), ("number,step,seconds,frames", 4));
+    assert!(lines[2].starts_with("1,86.5,") && lines[2].ends_with(",2"), "{}", lines[2]);
+    assert!(own.join("results/runs/000001/halo.csv").exists());
+    // Done once, done for good; a changed file is another campaign.
+    let again = |file: &str, more: &[&str]| {
+        let mut command = retina();
+        command.arg("runs").arg(fixture.path(file)).arg("--out").arg(own.join("results"));
+        command.args(more).output().unwrap()
+    };
+    assert_eq!(json(&again("runs.toml", &["--json"]))["skipped"], 3);
+    fixture.write("other.toml", &runs.replace("\"2\"", "\"3\""));
+    assert_refused(&again("other.toml", &[]), &["the runs of another file"]);
+    // A run that fails is named; the others are made.
+    fixture.write("bad.toml", &runs.replace("[60, 86.5, \"300\"]", "[60, -1, 300]"));
+    let mut command = retina();
+    command.arg("runs").arg(fixture.path("bad.toml")).arg("--out").arg(fixture.path("bad"));
+    assert_refused(&command.output().unwrap(), &["1 runs failed: 1;", "stderr.txt"]);
+    let why = fs::read_to_string(fixture.path("bad/runs/000001/stderr.txt")).unwrap();
+    assert!(why.contains("--step-s") && fixture.path("bad/runs/000002/run.json").exists(), "{why}");
+    assert_eq!(fs::read_to_string(fixture.path("bad/runs.csv")).unwrap().lines().count(), 3);
+    for (from, to, said) in [
+        ("{step}", "{stop}", "the name {stop} has no values"),
+        ("{step}", "60", "`step` does not occur"),
+        ("{out}", "out", "own folder"),
+        ("[60, 86.5, \"300\"]", "[]", "there is no value"),
+        ("[60, 86.5, \"300\"]", "{ from = 3, to = 1 }", "the range does not fit"),
+        ("step = ", "out = [1]\nstep = ", "given by the run itself"),
+        ("collect", "table = \"runs.csv\"\ncollect", "not from both"),
+        ("collect", "colect", "colect"),
+    ] {
+        assert!(runs.contains(from), "{from}");
+        fixture.write("wrong.toml", &runs.replacen(from, to, 1));
+        let mut command = retina();
+        command.arg("runs").arg(fixture.path("wrong.toml")).arg("--out").arg(fixture.path("wrong"));
+        assert_refused(&command.output().unwrap(), &[said, "wrong.toml"]);
+        assert!(!fixture.path("wrong").exists());
+    }
+}
+
+#[test]
 fn what_cannot_be_cut_or_joined_is_refused() {
     let fixture = Fixture::new();
     let shell = |shards: &'static str| ["--format", "shell", "--shards", shards];

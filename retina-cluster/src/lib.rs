@@ -1,6 +1,8 @@
 //! Campaigns beyond one machine, on an engine that exists.
 //!
-//! - [`Plan`]: a scene's frames or a far-range campaign's poses in shards, and the files that an engine takes.
+//! - [`Plan`]: a scene's frames, a campaign's frames or poses, or runs of a command in shards, and the files that an engine
+//!   takes.
+//! - [`Runs`]: one command over many values.
 //! - [`Format`]: the engines.
 //! - [`PlanState`]: which shards are done, torn, missing or slow.
 //!
@@ -9,9 +11,11 @@
 
 mod engine;
 mod plan;
+mod runs;
 mod script;
 mod state;
 
 pub use engine::Format;
 pub use plan::{Plan, Request, Work};
+pub use runs::{RunRecord, Runs, RunsDone};
 pub use state::{PlanState, ShardState, StateOfShard};

@@ -4,13 +4,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use retina_batch::{BackendChoice, Batch, BatchError, Observer, Options, Selection};
+use retina_experiments::experiment::{ExperimentError, Watcher};
 use retina_experiments::far_range::{Choice, Scenario};
+use retina_experiments::flashes::{self, FlashScenario};
+use retina_experiments::full_disk::{self, FullDiskScenario};
 use retina_files::{InputError, read_text, write_atomic};
 use retina_render::Quality;
 use retina_scene::Scene;
 use serde::{Deserialize, Serialize};
 
 use crate::engine::{Format, files};
+use crate::runs::Runs;
 
 const SCHEMA: &str = "retina.plan/1";
 const PLAN: &str = "plan.json";
@@ -25,22 +29,61 @@ pub enum Work {
     Scene,
     /// Random poses of a far-range campaign.
     FarRange,
+    /// Frames of a full-disk campaign: rendered, photographed and measured.
+    FullDisk,
+    /// Frames of a campaign of flashes.
+    Flashes,
+    /// Runs of a command over many values.
+    Runs,
 }
 
 impl Work {
     /// What there are many of, in the plural.
     pub fn unit(self) -> &'static str {
         match self {
-            Self::Scene => "frames",
+            Self::Scene | Self::FullDisk | Self::Flashes => "frames",
             Self::FarRange => "poses",
+            Self::Runs => "runs",
         }
+    }
+
+    /// Where the shards' results are joined, in the plan's folder.
+    pub(crate) fn results(self) -> &'static str {
+        match self {
+            Self::Scene => "merged",
+            _ => "results",
+        }
+    }
+}
+
+/// Who watches a campaign's preparation, as one of a batch.
+struct Preparing<'a>(&'a mut dyn Observer);
+
+impl Watcher for Preparing<'_> {
+    fn note(&mut self, text: &str) {
+        self.0.note(text);
+    }
+
+    fn step(&mut self, name: &str) {
+        self.0.note(name);
+    }
+
+    fn done(&mut self, _: usize, _: usize) {}
+}
+
+fn batch_error(error: ExperimentError) -> BatchError {
+    match error {
+        ExperimentError::Batch(error) => error,
+        ExperimentError::Input(error) => error.into(),
+        ExperimentError::Bench(error) => InputError::new(Path::new("the bench"), error.to_string()).into(),
     }
 }
 
 /// What is asked of a plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
-    /// A scene, schema `retina.scene/1`, or a far-range campaign, schema `retina.far-range/1`.
+    /// A scene, schema `retina.scene/1`, a campaign, schema `retina.far-range/1`, `retina.full-disk/1` or
+    /// `retina.flashes/1`, or runs, schema `retina.runs/1`.
     pub source: PathBuf,
     /// In how many parts.
     pub shards: usize,
@@ -63,15 +106,15 @@ pub struct Plan {
     schema: String,
     /// What the shards do.
     pub work: Work,
-    /// The scene or campaign, an absolute path.
+    /// The scene, campaign or file of runs, an absolute path.
     pub source: PathBuf,
-    /// Frames or poses of the whole.
+    /// Frames, poses or runs of the whole.
     pub items: usize,
     /// In how many parts.
     pub shards: usize,
     /// For which engine.
     pub format: Format,
-    /// Of a scene: what renders.
+    /// Where something is rendered: what renders.
     pub backend: Option<String>,
     /// Of a scene: the quality, where it is not the scene's own.
     pub quality: Option<String>,
@@ -95,13 +138,24 @@ impl Plan {
             InputError::new(&request.source, format!("cannot be read: {error}")).help("check the path")
         })?;
         let work = work_of(&source)?;
+        if let (Work::FullDisk | Work::Flashes | Work::FarRange | Work::Runs, Some(_)) =
+            (work, request.quality)
+        {
+            return Err(InputError::new(Path::new("--quality"), "belongs to a scene")
+                .found(source.display())
+                .help("leave it out: the campaign's scene has a quality of its own")
+                .into());
+        }
         let scene = match work {
             Work::Scene => Some(Scene::read(&source)?),
-            Work::FarRange => None,
+            _ => None,
         };
-        let items = match &scene {
-            Some(scene) => scene.frame_count(),
-            None => Scenario::read(&source, &Choice::default())?.poses.count,
+        let items = match (work, &scene) {
+            (Work::FullDisk, _) => FullDiskScenario::read(&source)?.chain.frames()?,
+            (Work::Flashes, _) => FlashScenario::read(&source)?.chain.frames()?,
+            (Work::Runs, _) => Runs::read(&source)?.count(),
+            (_, Some(scene)) => scene.frame_count(),
+            (_, None) => Scenario::read(&source, &Choice::default())?.poses.count,
         };
         if request.shards == 0 || request.shards > items.min(MOST_SHARDS) {
             return Err(InputError::new(Path::new("--shards"), "does not fit")
@@ -123,7 +177,8 @@ impl Plan {
             items,
             shards: request.shards,
             format: request.format,
-            backend: scene.as_ref().map(|_| backend_name(request.backend).to_owned()),
+            backend: matches!(work, Work::Scene | Work::FullDisk | Work::Flashes)
+                .then(|| backend_name(request.backend).to_owned()),
             quality: request.quality.map(|quality| quality_name(quality).to_owned()),
             radiance_scale: None,
             cpus: request.cpus,
@@ -135,10 +190,23 @@ impl Plan {
                 .map_err(|error| InputError::new(path, format!("the folder cannot be made: {error}")))
         };
         made(&dir.join("logs"))?;
-        if let Some(scene) = scene {
-            plan.radiance_scale = Some(plan.prepare(scene, request, dir, observer)?);
-        } else {
-            made(&dir.join("results"))?;
+        let (results, backend) = (dir.join(work.results()), rendering(request.backend));
+        match scene {
+            Some(scene) => plan.radiance_scale = Some(plan.prepare(scene, request, dir, observer)?),
+            None => made(&results)?,
+        }
+        let (count, watcher) = (plan.shards, &mut Preparing(observer));
+        match work {
+            Work::Scene | Work::FarRange | Work::Runs => {}
+            Work::FullDisk => {
+                let scenario = FullDiskScenario::read(&plan.source)?;
+                full_disk::prepare_parts(&scenario, &results, backend, count, watcher)
+                    .map_err(batch_error)?;
+            }
+            Work::Flashes => {
+                let scenario = FlashScenario::read(&plan.source)?;
+                flashes::prepare_parts(&scenario, &results, backend, count, watcher).map_err(batch_error)?;
+            }
         }
         let whole = fs::canonicalize(dir)
             .map_err(|error| InputError::new(dir, format!("the folder cannot be read: {error}")))?;
@@ -236,10 +304,7 @@ impl Plan {
             dir: folders[0].clone(),
             selection: Selection::default(),
             resume: true,
-            backend: match request.backend {
-                BackendChoice::Auto => BackendChoice::Native,
-                other => other,
-            },
+            backend: rendering(request.backend),
             quality: request.quality,
         };
         Batch::new(scene, options).prepare(&folders, observer)
@@ -255,6 +320,14 @@ fn write(path: &Path, bytes: &[u8], runs: bool) -> Result<(), BatchError> {
         fs::set_permissions(path, fs::Permissions::from_mode(0o755)).map_err(failed)?;
     }
     Ok(())
+}
+
+/// The renderer of all tasks: the native one unless another is asked for.
+fn rendering(backend: BackendChoice) -> BackendChoice {
+    match backend {
+        BackendChoice::Auto => BackendChoice::Native,
+        other => other,
+    }
 }
 
 fn backend_name(backend: BackendChoice) -> &'static str {
@@ -281,15 +354,14 @@ fn work_of(source: &Path) -> Result<Work, InputError> {
     match schema.as_deref() {
         Some("retina.scene/1") => Ok(Work::Scene),
         Some("retina.far-range/1") => Ok(Work::FarRange),
-        Some(other @ ("retina.full-disk/1" | "retina.flashes/1")) => {
-            Err(InputError::new(source, format!("a campaign of schema `{other}` runs in one piece"))
-                .expected("`retina.scene/1` or `retina.far-range/1`")
-                .help(
-                    "plan its scene, merge the shards, and run `retina navigate` on the folder with --shard",
-                ))
-        }
+        Some("retina.full-disk/1") => Ok(Work::FullDisk),
+        Some("retina.flashes/1") => Ok(Work::Flashes),
+        Some("retina.runs/1") => Ok(Work::Runs),
         other => Err(InputError::new(source, "cannot be done in shards")
             .found(other.map_or_else(|| "no key `schema`".to_owned(), |name| format!("schema `{name}`")))
-            .expected("a scene (`retina.scene/1`) or a far-range campaign (`retina.far-range/1`)")),
+            .expected(
+                "a scene (`retina.scene/1`), a campaign (`retina.far-range/1`, `retina.full-disk/1`, \
+                 `retina.flashes/1`), or runs (`retina.runs/1`)",
+            )),
     }
 }

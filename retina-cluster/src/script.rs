@@ -18,6 +18,23 @@ fn head(plan: &Plan) -> String {
     )
 }
 
+/// The command of a campaign, whose shards and whole write into one folder.
+fn campaign(plan: &Plan) -> String {
+    let name = match plan.work {
+        Work::Scene => "render",
+        Work::FarRange => "navigate far-range",
+        Work::FullDisk => "navigate full-disk",
+        Work::Flashes => "navigate flashes",
+        Work::Runs => "runs",
+    };
+    let source = quoted(&plan.source.to_string_lossy());
+    let mut text = format!("{name} {source} --out {}", plan.work.results());
+    if let Some(backend) = &plan.backend {
+        let _ = write!(text, " --backend {backend}");
+    }
+    text
+}
+
 /// `task.sh`: makes one shard, however often it is started.
 pub(crate) fn task_script(plan: &Plan) -> String {
     let source = quoted(&plan.source.to_string_lossy());
@@ -34,7 +51,7 @@ pub(crate) fn task_script(plan: &Plan) -> String {
             }
             run
         }
-        Work::FarRange => format!(r#"navigate far-range {source} --out results --shard "$shard/{shards}""#),
+        _ => format!(r#"{} --shard "$shard/{shards}""#, campaign(plan)),
     };
     format!(
         r#"#!/bin/sh
@@ -61,9 +78,9 @@ done
 pub(crate) fn finish_script(plan: &Plan) -> String {
     let run = match plan.work {
         Work::Scene => "merge shards/* --out merged".to_owned(),
-        Work::FarRange => {
-            format!("navigate far-range {} --out results", quoted(&plan.source.to_string_lossy()))
-        }
+        // What failed is not tried again here.
+        Work::Runs => format!("{} --collect", campaign(plan)),
+        _ => campaign(plan),
     };
     format!(
         "#!/bin/sh\n# Joins what the shards have made. It refuses as long as something is missing.\nset -eu\ncd \"$(dirname \"$0\")\"\n{head}exec \"$retina\" {run}\n",

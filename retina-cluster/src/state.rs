@@ -1,13 +1,17 @@
 //! How far a plan is: what is done, torn, missing and slow.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use retina_batch::FolderState;
+use retina_batch::{FolderState, Shard};
+use retina_experiments::experiment::busy_folders;
+use retina_experiments::lines::list_name;
+use retina_experiments::{flashes, full_disk};
 use retina_files::{InputError, read_bytes};
 
 use crate::plan::{Plan, Work};
+use crate::runs::{Runs, run_folder};
 
 /// A shard that takes this many times the median time for a frame is slow.
 const SLOW: f64 = 2.0;
@@ -88,7 +92,10 @@ impl PlanState {
         let mut shards = (0..plan.shards)
             .map(|shard| match plan.work {
                 Work::Scene => scene_shard(plan, dir, shard, verify, now),
-                Work::FarRange => Ok(list_shard(plan, dir, shard, now)?),
+                Work::FarRange => list_shard(plan, dir, shard, "poses", now),
+                Work::FullDisk => list_shard(plan, dir, shard, full_disk::LAST_LIST, now),
+                Work::Flashes => list_shard(plan, dir, shard, flashes::LAST_LIST, now),
+                Work::Runs => Ok(runs_shard(plan, dir, shard, now)),
             })
             .collect::<Result<Vec<_>, InputError>>()?;
         let mut rates: Vec<f64> = shards.iter().filter_map(|shard| shard.seconds_per_item).collect();
@@ -104,7 +111,7 @@ impl PlanState {
         }
         let merged = match plan.work {
             Work::Scene => FolderState::read(&dir.join("merged"), verify)?.map(|found| found.done.len()),
-            Work::FarRange => None,
+            _ => None,
         };
         Ok(Self { shards, merged })
     }
@@ -167,19 +174,48 @@ fn state_of(items: usize, done: usize, torn: usize, at_work: bool) -> StateOfSha
     }
 }
 
-/// A shard whose results are lines of a list: a first line that says whose they are, then one a pose. A last line that
-/// was cut short is torn.
-fn list_shard(plan: &Plan, dir: &Path, shard: usize, now: SystemTime) -> Result<ShardState, InputError> {
+/// A shard whose results are lines of a list: a first line that says whose they are, then one a pose or frame. A last line
+/// that was cut short is torn. Before its list a shard of frames renders and photographs them.
+fn list_shard(
+    plan: &Plan,
+    dir: &Path,
+    shard: usize,
+    stem: &str,
+    now: SystemTime,
+) -> Result<ShardState, InputError> {
     let items = plan.items_of(shard);
-    let path = dir.join("results").join(format!("poses-{shard}-of-{}.jsonl", plan.shards));
-    let (mut done, mut torn, mut quiet_s) = (0, 0, None);
+    let results = dir.join(plan.work.results());
+    let part = Shard { index: shard, count: plan.shards };
+    let path = results.join(list_name(stem, Some(part)));
+    let (mut done, mut torn) = (0, 0);
     if path.exists() {
         let text = read_bytes(&path)?;
         done = text.iter().filter(|byte| **byte == b'\n').count().saturating_sub(1).min(items);
         torn = usize::from(text.last().is_some_and(|byte| *byte != b'\n')).min(items - done);
-        let changed = fs::metadata(&path).ok().and_then(|found| found.modified().ok());
-        quiet_s = changed.and_then(|last| Some(now.duration_since(last).ok()?.as_secs_f64()));
     }
-    let state = state_of(items, done, torn, is_recent(quiet_s, None));
+    let quiet_s = age_s(std::iter::once(path).chain(busy_folders(&results, part)), now);
+    let begun = quiet_s.is_some();
+    let state = match state_of(items, done, torn, is_recent(quiet_s, None)) {
+        StateOfShard::Waiting if begun => StateOfShard::Stopped,
+        state => state,
+    };
     Ok(ShardState { shard, items, done, torn, state, seconds_per_item: None, quiet_s })
+}
+
+/// A shard of runs, each in a folder of its own.
+fn runs_shard(plan: &Plan, dir: &Path, shard: usize, now: SystemTime) -> ShardState {
+    let (items, results) = (plan.items_of(shard), dir.join(plan.work.results()));
+    let done = Runs::done_in(&results, plan.numbers_of(shard));
+    let quiet_s = age_s(plan.numbers_of(shard).map(|number| results.join(run_folder(number))), now);
+    let state = match state_of(items, done, 0, is_recent(quiet_s, None)) {
+        StateOfShard::Waiting if quiet_s.is_some() => StateOfShard::Stopped,
+        state => state,
+    };
+    ShardState { shard, items, done, torn: 0, state, seconds_per_item: None, quiet_s }
+}
+
+/// Time since the last of these files or folders changed, s; `None` where there is none.
+fn age_s(paths: impl Iterator<Item = PathBuf>, now: SystemTime) -> Option<f64> {
+    let last = paths.filter_map(|path| fs::metadata(path).ok()?.modified().ok()).max()?;
+    Some(now.duration_since(last).ok()?.as_secs_f64())
 }

@@ -4,12 +4,14 @@
 use std::path::{Path, PathBuf};
 
 use retina_batch::{
-    BackendChoice, Batch, BatchError, FrameRange, Options, Progress as BatchProgress, Selection,
+    BackendChoice, Batch, BatchError, FrameRange, Options, Progress as BatchProgress, Selection, Shard,
+    merge_shards,
 };
 use retina_bench::{Bench, BenchError, Exposure, OpticsDetail, ScreenImage};
 use retina_calibration::geometry::{self, CalibrateOptions, calibrate};
 use retina_campaign::{
-    Facility, FramesOptions, PointsOptions, TemperatureProfile, simulate_frames, simulate_points,
+    Facility, FramesOptions, PointsOptions, TemperatureProfile, adopt_frames, photograph_frames,
+    simulate_points,
 };
 use retina_files::{InputError, hash_bytes, hash_file, read_text, write_atomic};
 use retina_formats::TableKind;
@@ -17,6 +19,10 @@ use retina_geometry::Setup;
 use retina_scene::{Compensation, Display, Scene};
 use serde::Deserialize;
 use thiserror::Error;
+
+use crate::lines::list_name;
+pub use crate::parts::busy_folders;
+use crate::parts::{begun, part_folder, part_of, parts};
 
 /// What ends the experiment.
 #[derive(Debug, Error)]
@@ -81,10 +87,20 @@ pub(crate) struct Chain<'a> {
     /// The calibration that screens are compensated by.
     pub(crate) calibration: PathBuf,
     scene: Scene,
+    /// The frames of the whole.
+    whole: Selection,
+    /// Those of this run.
     selection: Selection,
+    part: Option<Part>,
     seed: u64,
     out: &'a Path,
     backend: BackendChoice,
+}
+
+/// The part that a run makes, and the places of its frames in the whole.
+struct Part {
+    shard: Shard,
+    places: Vec<usize>,
 }
 
 /// What the scenarios of such experiments have in common.
@@ -120,6 +136,14 @@ pub(crate) fn each() -> usize {
 }
 
 impl ChainScenario {
+    /// How many frames of the scene it takes.
+    ///
+    /// # Errors
+    /// The scene does not read, or has not the frames.
+    pub fn frames(&self) -> Result<usize, InputError> {
+        Ok(self.selection.frames(Scene::read(&self.scene)?.frame_count())?.len())
+    }
+
     /// Checks the keys of a scenario's file; names in it are relative to it.
     ///
     /// # Errors
@@ -178,7 +202,8 @@ pub(crate) fn check_values(path: &Path, values: &[(&str, f64, bool, &str)]) -> R
 }
 
 impl<'a> Chain<'a> {
-    /// Reads the scene, has `check` look at it, claims the folder, and calibrates the bench where that is not done.
+    /// Reads the scene, has `check` look at it, claims the folder, and calibrates the bench where that is not done. With a
+    /// shard, the run makes that part of the frames.
     ///
     /// # Errors
     /// Something does not fit, the folder is another scenario's, or the calibration fails.
@@ -186,16 +211,24 @@ impl<'a> Chain<'a> {
         scenario: &ChainScenario,
         out: &'a Path,
         backend: BackendChoice,
+        shard: Option<Shard>,
         check: impl FnOnce(&Scene) -> Result<(), InputError>,
         watcher: &mut dyn Watcher,
     ) -> Result<Self, ExperimentError> {
-        let (seed, selection) = (scenario.seed, scenario.selection);
+        let (seed, whole) = (scenario.seed, scenario.selection);
         let scene = Scene::read(&scenario.scene)?;
         let Display::Facility(setup) = scene.display.clone() else {
             return Err(InputError::new(&scenario.scene, "shows no facility").into());
         };
-        selection.frames(scene.frame_count())?;
+        whole.frames(scene.frame_count())?;
         check(&scene)?;
+        let (selection, part) = match shard {
+            None => (whole, None),
+            Some(shard) => {
+                let (selection, places) = part_of(whole, shard, scene.frame_count())?;
+                (selection, Some(Part { shard, places }))
+            }
+        };
         std::fs::create_dir_all(out)
             .map_err(|error| InputError::new(out, format!("the folder cannot be made: {error}")))?;
         claim(out, &scenario.hash)?;
@@ -203,7 +236,20 @@ impl<'a> Chain<'a> {
             Some(own) => own.clone(),
             None => measured_calibration(scenario.campaign, seed, &setup, out, watcher)?,
         };
-        Ok(Self { setup, calibration, scene, selection, seed, out, backend })
+        Ok(Self { setup, calibration, scene, whole, selection, part, seed, out, backend })
+    }
+
+    /// The folder of this run's screens and photographs.
+    fn dir(&self) -> PathBuf {
+        match &self.part {
+            None => self.out.to_path_buf(),
+            Some(part) => part_folder(self.out, part.shard),
+        }
+    }
+
+    /// The list of a label's results.
+    pub(crate) fn list(&self, label: &str) -> PathBuf {
+        self.out.join(list_name(label, self.part.as_ref().map(|part| part.shard)))
     }
 
     /// The scene.
@@ -211,7 +257,8 @@ impl<'a> Chain<'a> {
         &self.scene
     }
 
-    /// Renders the screens of a mode into `out/screen/NAME`; gives that folder.
+    /// Renders the screens of a mode into `screen/NAME` of the run's folder; gives that folder. The whole takes what its
+    /// parts have.
     ///
     /// # Errors
     /// The calibration is not the setup's, or rendering fails.
@@ -221,18 +268,45 @@ impl<'a> Chain<'a> {
         mode: Compensation,
         watcher: &mut dyn Watcher,
     ) -> Result<PathBuf, ExperimentError> {
+        let own = Path::new("screen").join(name);
+        let dir = self.dir().join(&own);
+        if self.part.is_none() {
+            let of_parts = parts(self.out).into_iter().map(|(_, folder)| folder.join(&own)).collect();
+            let of_parts = begun(of_parts)?;
+            if !of_parts.is_empty() {
+                watcher.step(&format!("joining the parts' screens, {}", mode.name()));
+                merge_shards(&of_parts, &dir, true, &mut Rendering(watcher))?;
+            }
+        }
         watcher.step(&format!("rendering, {}", mode.name()));
-        let dir = self.out.join("screen").join(name);
-        let options = Options {
-            dir: dir.clone(),
-            selection: self.selection,
-            resume: true,
-            backend: self.backend,
-            quality: None,
-        };
-        let compensated = self.scene.clone().with_compensation(mode, &self.calibration)?;
-        Batch::new(compensated, options).run(&mut Rendering(watcher))?;
+        self.batch(dir.clone(), mode)?.run(&mut Rendering(watcher))?;
         Ok(dir)
+    }
+
+    fn batch(&self, dir: PathBuf, mode: Compensation) -> Result<Batch, InputError> {
+        let compensated = self.scene.clone().with_compensation(mode, &self.calibration)?;
+        let (selection, backend) = (self.selection, self.backend);
+        Ok(Batch::new(compensated, Options { dir, selection, resume: true, backend, quality: None }))
+    }
+
+    /// Makes the folders of so many parts' screens: the radiance scale is looked for once, and all parts have it.
+    ///
+    /// # Errors
+    /// As [`Batch::prepare`].
+    pub(crate) fn prepare(
+        &self,
+        count: usize,
+        modes: &[(&str, Compensation)],
+        watcher: &mut dyn Watcher,
+    ) -> Result<(), ExperimentError> {
+        for (name, mode) in modes {
+            let folders: Vec<PathBuf> = (0..count)
+                .map(|index| part_folder(self.out, Shard { index, count }).join("screen").join(name))
+                .collect();
+            watcher.step(&format!("preparing {count} parts, {}", mode.name()));
+            self.batch(folders[0].clone(), *mode)?.prepare(&folders, &mut Rendering(watcher))?;
+        }
+        Ok(())
     }
 
     /// The facility that photographs.
@@ -243,29 +317,47 @@ impl<'a> Chain<'a> {
         Facility::new(&self.setup, &[], TableKind::Frames, f64::MAX, self.seed)
     }
 
-    /// Photographs the screens of a folder into `out/bench/NAME`; gives that folder.
+    /// Photographs the screens of a folder into `bench/NAME` of the run's folder; gives that folder. The whole takes what
+    /// its parts have.
     ///
     /// # Errors
     /// The bench refuses them, or a file cannot be written.
     pub(crate) fn photographs(
         &self,
         facility: &Facility,
+        bench: &Bench,
         screens: &Path,
         exposure_s: f64,
         watcher: &mut dyn Watcher,
     ) -> Result<PathBuf, ExperimentError> {
         let name = screens.file_name().unwrap_or_default();
-        watcher.step(&format!("photographing, {}", name.to_string_lossy()));
-        let options = FramesOptions {
-            screens: screens.to_path_buf(),
+        let own = Path::new("bench").join(name);
+        let folder = self.dir().join(&own);
+        let options = |screens: PathBuf, places: Option<Vec<usize>>| FramesOptions {
+            screens,
+            places,
             exposure_s: Some(exposure_s),
             interval_s: 60.0,
             temperature: TemperatureProfile::Constant,
             detail: OpticsDetail::default(),
         };
-        let folder = self.out.join("bench").join(name);
+        let wanted = options(screens.to_path_buf(), self.part.as_ref().map(|part| part.places.clone()));
+        if self.part.is_none() {
+            let mut taken = Vec::new();
+            for (shard, part) in parts(self.out) {
+                let (_, places) = part_of(self.whole, shard, self.scene.frame_count())?;
+                taken.push((options(part.join("screen").join(name), Some(places)), part.join(&own)));
+            }
+            for left in adopt_frames(facility, &wanted, &taken, &folder)? {
+                watcher.note(&format!(
+                    "{}: not all of these photographs can be taken over; they are taken anew",
+                    left.display()
+                ));
+            }
+        }
+        watcher.step(&format!("photographing, {}", name.to_string_lossy()));
         let told = std::cell::RefCell::new(watcher);
-        simulate_frames(facility, &options, &folder, |done, all| told.borrow_mut().done(done, all))?;
+        photograph_frames(facility, bench, &wanted, &folder, |done, all| told.borrow_mut().done(done, all))?;
         Ok(folder)
     }
 }

@@ -12,3 +12,4 @@ pub mod flashes;
 mod frame_lines;
 pub mod full_disk;
 pub mod lines;
+mod parts;

@@ -176,6 +176,15 @@ impl Setup {
         })
     }
 
+    /// What [`Setup::named`] takes, without a folder, to read this setup again: its file, or its name where it ships.
+    pub fn reference(&self) -> PathBuf {
+        let name = self.file.with_extension("");
+        match !self.file.is_file() && Self::shipped(&name).is_some() {
+            true => name,
+            false => self.file.clone(),
+        }
+    }
+
     /// Hash of what [`Setup::named`] read: of the file's bytes, else of what ships.
     ///
     /// # Errors

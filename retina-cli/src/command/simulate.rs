@@ -352,6 +352,7 @@ fn frames(arguments: &FramesArguments) -> Result<(), Failure> {
     let common = &arguments.common;
     let options = FramesOptions {
         screens: arguments.screens.clone(),
+        places: None,
         exposure_s: arguments.exposure_s.map(|value| positive("--exposure-s", value)).transpose()?,
         interval_s: positive("--interval-s", arguments.interval_s)?,
         temperature: arguments.temperature.into(),

@@ -13,7 +13,7 @@ mod scenario;
 mod sequence;
 mod summary;
 
-pub use experiment::run_scenario;
+pub use experiment::{LAST_LIST, prepare_parts, run_part, run_scenario};
 pub use figures::figure_rates;
 pub use rates::{Logistic, RateBin, Trial, fit_logistic, rate_bins, wilson};
 pub use scenario::FlashScenario;

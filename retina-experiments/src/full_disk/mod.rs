@@ -17,7 +17,7 @@ mod sequence;
 pub(crate) mod source;
 mod truth;
 
-pub use experiment::{navigate, run_scenario};
+pub use experiment::{LAST_LIST, navigate, prepare_parts, run_part, run_scenario};
 pub use figures::{Shown, figure_15, figure_errors, figure_filter};
 pub use filter::{FilterOptions, FilterResult, FilterStep, run_filter};
 pub use scenario::{FullDiskScenario, LimbTable};

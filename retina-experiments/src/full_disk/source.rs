@@ -158,7 +158,10 @@ impl Source {
         };
         let mut text =
             format!("{kind:?} {:?} {} {:?} {camera:?}", choice.limb, choice.pointing_sigma_rad, choice.body);
-        for path in [&choice.setup, &calibration].into_iter().flatten() {
+        if let (Some(setup), Some(name)) = (&setup, &choice.setup) {
+            text.push_str(&setup.hash_of_named(name, Path::new(""))?);
+        }
+        if let Some(path) = &calibration {
             text.push_str(&read_text(path)?);
         }
         let shape = match &choice.silhouette {

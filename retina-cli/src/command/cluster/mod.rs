@@ -1,5 +1,6 @@
-//! `retina plan`, `retina status` and `retina merge`: long campaigns in shards.
+//! `retina plan`, `retina status`, `retina merge` and `retina runs`: long campaigns in shards.
 
 pub(crate) mod merge;
 pub(crate) mod plan;
+pub(crate) mod runs;
 pub(crate) mod status;

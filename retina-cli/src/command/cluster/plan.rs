@@ -40,8 +40,9 @@ impl From<FormatName> for Format {
 /// The renderer is the native one unless you ask for another: all machines then give the same bytes.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Scene, schema retina.scene/1, or far-range campaign, schema retina.far-range/1.
-    #[arg(value_name = "SCENE|CAMPAIGN")]
+    /// Scene (retina.scene/1), campaign (retina.far-range/1, retina.full-disk/1, retina.flashes/1), or
+    /// runs of a command (retina.runs/1).
+    #[arg(value_name = "SCENE|CAMPAIGN|RUNS")]
     source: PathBuf,
     /// Number of shards: the tasks of the engine.
     #[arg(long, value_name = "N")]
@@ -66,7 +67,7 @@ pub(crate) struct Arguments {
 }
 
 /// This program, where it is the command; within Python it is the interpreter.
-fn own_command() -> String {
+pub(super) fn own_command() -> String {
     let own = std::env::current_exe().ok().filter(|path| path.file_stem() == Some(OsStr::new("retina")));
     own.and_then(|path| path.to_str().map(str::to_owned)).unwrap_or_else(|| "retina".to_owned())
 }

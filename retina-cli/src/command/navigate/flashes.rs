@@ -4,7 +4,8 @@ use std::path::Path;
 
 use retina_experiments::experiment::Watcher as _;
 use retina_experiments::flashes::{
-    CameraLight, FlashScenario, figure_rates, flash_notes, report, run_scenario, summarise, watch_sequence,
+    CameraLight, FlashScenario, figure_rates, flash_notes, report, run_part, run_scenario, summarise,
+    watch_sequence,
 };
 use retina_experiments::full_disk::{ImageKind, Source};
 use retina_files::InputError;
@@ -147,6 +148,11 @@ fn scenario(arguments: &Arguments) -> Result<(), Failure> {
     ])?;
     let scenario = FlashScenario::read(&folder.input)?;
     let mut steps = Steps::new();
+    if let Some(part) = folder.shard {
+        let frames = run_part(&scenario, out, folder.backend.into(), part, &mut steps);
+        steps.finish();
+        return folder.print_part(out, part, frames?);
+    }
     let result = run_scenario(&scenario, out, folder.backend.into(), &mut steps);
     steps.finish();
     let sequences = result?;

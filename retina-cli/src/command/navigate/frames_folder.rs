@@ -7,7 +7,7 @@ use retina_experiments::full_disk::{ImageKind, SourceChoice};
 use retina_experiments::lines::list_name;
 use retina_files::InputError;
 use retina_navigation::limb::LimbOptions;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::steps::{results_folder, results_name, write};
 use crate::command::Backend;
@@ -37,9 +37,12 @@ pub(crate) struct FramesFolder {
     /// Use only frames A to B, counted from 0; B is excluded.
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     frames: Option<FrameRange>,
-    /// Use only the frames whose number is I modulo N.
+    /// Use only the frames whose number is I modulo N; of a scenario, every N-th of its frames from its I-th on.
+    ///
+    /// Run all shards of a scenario into one folder. Then run the command without --shard into that
+    /// folder: it gives the whole result.
     #[arg(long, value_name = "I/N", allow_hyphen_values = true)]
-    shard: Option<Shard>,
+    pub(crate) shard: Option<Shard>,
     /// Renderer for a scenario.
     #[arg(long, value_enum, default_value_t)]
     pub(crate) backend: Backend,
@@ -70,7 +73,6 @@ impl FramesFolder {
             ("--calibration", self.calibration.is_some()),
             ("--body", self.body.is_some()),
             ("--frames", self.frames.is_some()),
-            ("--shard", self.shard.is_some()),
         ];
         if let Some((flag, _)) = named.iter().chain(own).find(|(_, given)| *given) {
             return Err(InputError::new(Path::new(flag), "belongs to a folder of frames")
@@ -81,6 +83,17 @@ impl FramesFolder {
         self.out
             .as_deref()
             .ok_or_else(|| Failure::new("a scenario needs --out: the folder for its frames and results"))
+    }
+
+    /// What a scenario's shard did, once it is done.
+    pub(crate) fn print_part(&self, out: &Path, part: Shard, frames: usize) -> Result<(), Failure> {
+        let document = json!({
+            "schema": "retina.part/1",
+            "out": out,
+            "shard": format!("{}/{}", part.index, part.count),
+            "frames": frames,
+        });
+        self.print(&document, &[format!("shard {} of {}: {frames} frames are done", part.index, part.count)])
     }
 
     /// The frames that are meant.

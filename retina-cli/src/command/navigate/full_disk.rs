@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use retina_experiments::experiment::Watcher as _;
 use retina_experiments::full_disk::{
-    FilterOptions, FullDiskScenario, ImageKind, Source, SourceChoice, figure_15, navigate, report,
+    FilterOptions, FullDiskScenario, ImageKind, Source, SourceChoice, figure_15, navigate, report, run_part,
     run_scenario,
 };
 use retina_files::InputError;
@@ -106,6 +106,11 @@ fn scenario(arguments: &Arguments) -> Result<(), Failure> {
     ])?;
     let scenario = FullDiskScenario::read(&folder.input)?;
     let mut steps = Steps::new();
+    if let Some(part) = folder.shard {
+        let frames = run_part(&scenario, out, folder.backend.into(), part, &mut steps);
+        steps.finish();
+        return folder.print_part(out, part, frames?);
+    }
     let result = run_scenario(&scenario, out, folder.backend.into(), &mut steps);
     steps.finish();
     let sequences = result?;
