@@ -34,7 +34,7 @@ pub const NARROW_FOV_SETUP: &str = include_str!("setups/narrow-fov.toml");
 pub const SETUPS: [(&str, &str); 2] = [("wide-fov", WIDE_FOV_SETUP), ("narrow-fov", NARROW_FOV_SETUP)];
 
 /// JSON Schemas (2020-12) of files and documents, by name: those of input files are closed.
-pub const SCHEMAS: [(&str, &str); 38] = [
+pub const SCHEMAS: [(&str, &str); 39] = [
     ("batch", include_str!("schemas/batch.schema.json")),
     ("calibration", include_str!("schemas/calibration.schema.json")),
     ("campaign", include_str!("schemas/campaign.schema.json")),
@@ -69,6 +69,7 @@ pub const SCHEMAS: [(&str, &str); 38] = [
     ("optics-constraints", include_str!("schemas/optics-constraints.schema.json")),
     ("optics-search", include_str!("schemas/optics-search.schema.json")),
     ("radiometry-calibration", include_str!("schemas/radiometry-calibration.schema.json")),
+    ("runs", include_str!("schemas/runs.schema.json")),
     ("scene", include_str!("schemas/scene.schema.json")),
     ("setup", include_str!("schemas/setup.schema.json")),
     ("trajectory-summary", include_str!("schemas/trajectory-summary.schema.json")),

@@ -173,7 +173,7 @@ fn readers_take_the_keys_of_the_schemas_and_no_others() {
     let corpus = concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/corpus/points/few.csv");
     fs::copy(corpus, &points).unwrap();
     let mut compared = 0;
-    for name in ["setup", "scene", "far-range", "full-disk", "flashes", "calibration", "effect"] {
+    for name in ["setup", "scene", "far-range", "full-disk", "flashes", "runs", "calibration", "effect"] {
         for (place, keys, mut file) in tables(&schema(name)) {
             if name == "effect" {
                 // The file is known by a formula, and read with the table that it is given together with.

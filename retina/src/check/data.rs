@@ -10,12 +10,14 @@ use super::Checked;
 use super::toml_file::lenses;
 
 /// Documents that RETINA writes, and what they are.
-const DOCUMENTS: [(&str, &str); 24] = [
+const DOCUMENTS: [(&str, &str); 26] = [
     ("retina.batch/1", "record of a folder of frames"),
     ("retina.manifest/1", "manifest of frames"),
     ("retina.truth/1", "truth of a frame"),
     ("retina.plan/1", "plan of shards"),
     ("retina.status/1", "status of a campaign"),
+    ("retina.run/1", "record of a run"),
+    ("retina.runs-summary/1", "summary of runs"),
     ("retina.export/1", "record of a data set"),
     ("retina.error/1", "error"),
     ("retina.campaign/1", "record of a measurement campaign on the bench"),

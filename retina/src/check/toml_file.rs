@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use retina_cluster::Runs;
 use retina_diagnosis::{AddedEffect, Baseline, Dataset, Source};
 use retina_experiments::{far_range, flashes, full_disk};
 use retina_files::{InputError, nearest, parse_toml, read_text};
@@ -11,13 +12,14 @@ use retina_scene::Scene;
 
 use super::{Checked, Company};
 
-const SCHEMAS: [&str; 8] = [
+const SCHEMAS: [&str; 9] = [
     "retina.setup/1",
     "retina.scene/1",
     "retina.calibration/1",
     "retina.far-range/1",
     "retina.full-disk/1",
     "retina.flashes/1",
+    "retina.runs/1",
     "retina.optics/1",
     "retina.pattern/1",
 ];
@@ -50,12 +52,26 @@ pub(super) fn check_toml(path: &Path, company: &Company) -> Result<Checked, Inpu
             )))
         }
         "retina.full-disk/1" => {
-            full_disk::FullDiskScenario::read(path)?;
-            Ok(out("full-disk campaign").says("`retina navigate full-disk` runs it"))
+            let frames = full_disk::FullDiskScenario::read(path)?.chain.frames()?;
+            Ok(out("full-disk campaign").says(format!(
+                "{frames} frames; `retina navigate full-disk` runs it, `retina plan` cuts it into shards"
+            )))
         }
         "retina.flashes/1" => {
-            flashes::FlashScenario::read(path)?;
-            Ok(out("flash campaign").says("`retina navigate flashes` runs it"))
+            let frames = flashes::FlashScenario::read(path)?.chain.frames()?;
+            Ok(out("flash campaign").says(format!(
+                "{frames} frames; `retina navigate flashes` runs it, `retina plan` cuts it into shards"
+            )))
+        }
+        "retina.runs/1" => {
+            let runs = Runs::read(path)?;
+            let first = match runs.count() {
+                0 => "none".to_owned(),
+                _ => format!("retina {}", runs.words(0, Path::new("RUN")).join(" ")),
+            };
+            Ok(out("runs of a command")
+                .says(format!("{} runs; the first: {first}", runs.count()))
+                .says("`retina runs` makes them one after the other, `retina plan` cuts them into shards"))
         }
         "retina.optics/1" => {
             let system = retina_optics::read_system(path, &[])?;
