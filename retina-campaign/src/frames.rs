@@ -1,5 +1,8 @@
 //! `frames.csv` from the bench: screen images shown and photographed.
 
+use std::collections::BTreeMap;
+use std::fs::OpenOptions;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use retina_bench::{Bench, BenchError, Exposure, OpticsDetail, ScreenImage};
@@ -108,6 +111,52 @@ pub fn predicted_by(screen: &Path) -> PathBuf {
 /// What decides an image besides its screen and its number: a folder of images is finished by the same only.
 const MADE_FROM: &str = "images/made-from.txt";
 
+/// A line a photograph: its hash and its name. What was damaged since is taken anew.
+const HASHES: &str = "images/hashes.txt";
+
+/// The hashes of a folder's photographs by name.
+fn hashes(out: &Path) -> Result<BTreeMap<String, String>, InputError> {
+    let path = out.join(HASHES);
+    if !path.exists() {
+        return Ok(BTreeMap::new());
+    }
+    let text = read_text(&path)?;
+    // A last line that was cut short names no photograph.
+    let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
+    let pair = |line: &str| line.split_once(' ').map(|(hash, name)| (name.to_owned(), hash.to_owned()));
+    Ok(whole.lines().filter_map(pair).collect())
+}
+
+fn add_hashes(out: &Path, text: &str) -> Result<(), InputError> {
+    let path = out.join(HASHES);
+    let file = OpenOptions::new().create(true).append(true).open(&path);
+    file.and_then(|mut file| file.write_all(text.as_bytes()))
+        .map_err(|error| InputError::new(&path, format!("cannot be written: {error}")))
+}
+
+/// Whether a photograph is there as it was taken.
+fn is_whole(path: &Path, name: &str, hashes: &BTreeMap<String, String>) -> Result<bool, InputError> {
+    match hashes.get(name) {
+        Some(hash) if path.exists() => Ok(hash_file(path)? == *hash),
+        _ => Ok(false),
+    }
+}
+
+/// Photographs of a folder that are not as they were taken, by name.
+///
+/// # Errors
+/// One cannot be read.
+pub fn torn_frames(out: &Path) -> Result<Vec<String>, InputError> {
+    let hashes = hashes(out)?;
+    let mut torn = Vec::new();
+    for name in hashes.keys() {
+        if !is_whole(&out.join("images").join(name), name, &hashes)? {
+            torn.push(name.clone());
+        }
+    }
+    Ok(torn)
+}
+
 fn made_from(facility: &Facility, options: &FramesOptions, files: &[PathBuf]) -> Result<String, InputError> {
     // The screens are told by their content: their folder may be named otherwise next time.
     let own = FramesOptions { screens: PathBuf::new(), ..options.clone() };
@@ -154,16 +203,33 @@ pub fn adopt_frames(
             let whole = made_from(facility, options, &screens_of(&options.screens)?)?;
             write_atomic(&mark, whole.as_bytes()).map_err(|error| cannot(&mark, &error))?;
         }
-        let mut is_whole = true;
+        let (theirs, ours) = (hashes(folder)?, hashes(out)?);
+        let (mut all, mut lines) = (true, String::new());
         for screen in screens_of(&part.screens)? {
-            let name = screen.file_name().unwrap_or_default();
-            let (from, to) = (folder.join("images").join(name), images.join(name));
-            is_whole &= to.exists() || from.exists();
-            if !to.exists() && from.exists() && std::fs::hard_link(&from, &to).is_err() {
+            let name = screen.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let (from, to) = (folder.join("images").join(&name), images.join(&name));
+            if is_whole(&to, &name, &ours)? {
+                continue;
+            }
+            let Some(hash) = theirs.get(&name).filter(|_| from.exists()) else {
+                all = false;
+                continue;
+            };
+            if !is_whole(&from, &name, &theirs)? {
+                return Err(InputError::new(&from, "is not the photograph that was taken")
+                    .expected(format!("hash {} ({HASHES})", &hash[..12.min(hash.len())]))
+                    .help("run the shard that made it again: it takes the photograph anew"));
+            }
+            if to.exists() {
+                std::fs::remove_file(&to).map_err(|error| cannot(&to, &error))?;
+            }
+            if std::fs::hard_link(&from, &to).is_err() {
                 write_atomic(&to, &read_bytes(&from)?).map_err(|error| cannot(&to, &error))?;
             }
+            lines += &format!("{hash} {name}\n");
         }
-        if !is_whole {
+        add_hashes(out, &lines)?;
+        if !all {
             left.push(folder.clone());
         }
     }
@@ -233,6 +299,7 @@ fn photograph(
         })?,
     };
     let mut list = String::from("predicted,measured,time_s,temperature_c,exposure_s\n");
+    let taken = hashes(out)?;
     if let Some(places) = options.places.as_ref().filter(|places| places.len() != files.len()) {
         return Err(InputError::new(
             &options.screens,
@@ -257,9 +324,10 @@ fn photograph(
         let exposure = Exposure { exposure_s, temperature_c, pose, frame: index as u64 };
         let name = file.file_name().unwrap_or_default();
         let target = images.join(name);
-        if !target.exists() {
+        if !is_whole(&target, &name.to_string_lossy(), &taken)? {
             let frame = bench.expose(&read_screen(file)?, &exposure)?;
             camera_image(bench, frame).write_png(&target)?;
+            add_hashes(out, &format!("{} {}\n", hash_file(&target)?, name.to_string_lossy()))?;
         }
         list.push_str(&format!(
             "{},images/{},{time_s},{temperature_c},{exposure_s}\n",

@@ -21,7 +21,7 @@ pub use effects::{Effect, EffectKind, known_effects};
 pub use facility::{Dynamics, Facility, TemperatureProfile};
 pub use frames::{
     FramesOptions, FramesResult, adopt_frames, photograph_frames, predicted_by, read_screen, screen_of_png,
-    screens_of, simulate_frames, well_exposed_s,
+    screens_of, simulate_frames, torn_frames, well_exposed_s,
 };
 pub use points::{
     PointsOptions, PointsResult, camera_image, saturation_dn, screen_image, simulate_plan, simulate_points,

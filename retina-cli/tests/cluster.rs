@@ -167,10 +167,23 @@ fn a_full_disk_campaign_in_shards_is_one_run() {
     assert_done(&script(&own, "task.sh", &["1"]));
     let found = status(&own, &[]);
     assert_eq!((found["done"].as_u64(), &found["shards"][1]["state"]), (Some(1), &"done".into()));
+    // What is missing is not made by the script that joins.
+    assert_refused(&script(&own, "finish.sh", &[]), &["frames are missing", "1 of 2"]);
+    assert_refused(&script(&own, "task.sh", &["2"]), &["there is no shard 2"]);
     assert_done(&script(&own, "task.sh", &["0"]));
     assert_eq!(status(&own, &[])["complete"], true);
-    // A photograph of a part that is gone is taken anew, and is the same.
-    fs::remove_file(own.join("results/parts/1-of-2/bench/upstream/images/000003.png")).unwrap();
+    // A damaged photograph is seen, named, not joined, and taken anew.
+    let photograph = own.join("results/parts/1-of-2/bench/upstream/images/000003.png");
+    let whole_bytes = fs::read(&photograph).unwrap();
+    fs::write(&photograph, &whole_bytes[..5000]).unwrap();
+    assert_eq!(status(&own, &[])["torn"], 0);
+    assert_eq!(status(&own, &["--verify"])["torn"], 1);
+    assert_refused(&script(&own, "finish.sh", &[]), &["000003.png", "is not the photograph that was taken"]);
+    assert_done(&script(&own, "task.sh", &["1"]));
+    assert_eq!(fs::read(&photograph).unwrap(), whole_bytes);
+    assert_eq!(status(&own, &["--verify"])["complete"], true);
+    // One that is gone is taken anew, and is the same.
+    fs::remove_file(&photograph).unwrap();
     let finished = script(&own, "finish.sh", &[]);
     assert_done(&finished);
     assert!(stderr(&finished).contains("1-of-2"), "{}", stderr(&finished));
@@ -181,9 +194,14 @@ fn a_full_disk_campaign_in_shards_is_one_run() {
             assert_eq!(contents(&one.join(name).join(kind)), contents(&joined.join(name).join(kind)));
         }
     }
+    let photographs = |folder: &Path| {
+        let mut found = contents(folder);
+        found.retain(|path, _| path.extension().is_some_and(|extension| extension == "png"));
+        found
+    };
     for name in ["bench/uncompensated/images", "bench/upstream/images"] {
-        assert_eq!(contents(&one.join(name)).len(), 3);
-        assert_eq!(contents(&one.join(name)), contents(&joined.join(name)), "{name}");
+        assert_eq!(photographs(&one.join(name)).len(), 2);
+        assert_eq!(photographs(&one.join(name)), photographs(&joined.join(name)), "{name}");
     }
     assert_eq!(read(&one, "full-disk.json"), read(&joined, "full-disk.json"));
     // The parts' photographs are not another copy.
@@ -231,7 +249,30 @@ step = [60, 86.5, "300"]
     };
     assert_eq!(json(&again("runs.toml", &["--json"]))["skipped"], 3);
     fixture.write("other.toml", &runs.replace("\"2\"", "\"3\""));
-    assert_refused(&again("other.toml", &[]), &["the runs of another file"]);
+    for more in [&[][..], &["--collect"]] {
+        assert_refused(&again("other.toml", more), &["by another command, or with other values"]);
+    }
+    // Another pointer and more values at the end are the same campaign.
+    let more = runs.replace("/frames", "/out").replace("\"300\"]", "\"300\", 400]");
+    fixture.write("more.toml", &more);
+    let grown = json(&again("more.toml", &["--json"]));
+    assert_eq!((&grown["skipped"], &grown["done"]), (&3.into(), &1.into()));
+    // Two at once do each run once.
+    fixture.write("two.toml", &runs.replace("[60, 86.5, \"300\"]", "{ from = 60, to = 67 }"));
+    let both: Vec<_> = (0..2)
+        .map(|_| {
+            let mut command = retina();
+            command.arg("runs").arg(fixture.path("two.toml")).arg("--out").arg(fixture.path("two"));
+            command.stderr(std::process::Stdio::null()).spawn().unwrap()
+        })
+        .collect();
+    for mut one in both {
+        assert!(one.wait().unwrap().success());
+    }
+    for run in 0..8 {
+        let folder = fixture.path("two").join(format!("runs/{run:06}"));
+        assert!(folder.join("run.json").exists() && folder.join("halo.csv").exists(), "{run}");
+    }
     // A run that fails is named; the others are made.
     fixture.write("bad.toml", &runs.replace("[60, 86.5, \"300\"]", "[60, -1, 300]"));
     let mut command = retina();
@@ -244,8 +285,14 @@ step = [60, 86.5, "300"]
         ("{step}", "{stop}", "the name {stop} has no values"),
         ("{step}", "60", "`step` does not occur"),
         ("{out}", "out", "own folder"),
-        ("[60, 86.5, \"300\"]", "[]", "there is no value"),
-        ("[60, 86.5, \"300\"]", "{ from = 3, to = 1 }", "the range does not fit"),
+        ("[60, 86.5, \"300\"]", "[]", "one value at least"),
+        ("[60, 86.5, \"300\"]", "{ from = 3, to = 1 }", "two whole numbers in order"),
+        ("[60, 86.5, \"300\"]", "{ from = 1.5, to = 3 }", "a list of numbers, texts or truths"),
+        ("\"trajectory\"", "\"trajectroy\"", "did you mean `trajectory`"),
+        ("\"trajectory\"", "\"runs\"", "runs do not run runs"),
+        ("\"/frames\"", "\"frames\"", "a JSON pointer"),
+        (", \"--json\"", "", "no document to collect from"),
+        ("frames = \"/", "seconds = \"/", "a column `seconds` already"),
         ("step = ", "out = [1]\nstep = ", "given by the run itself"),
         ("collect", "table = \"runs.csv\"\ncollect", "not from both"),
         ("collect", "colect", "colect"),

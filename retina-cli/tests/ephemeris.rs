@@ -227,7 +227,7 @@ fn a_scene_follows_a_spacecraft_of_kernels() {
         ("CRAFT_CAMERA", "CRAFT_LIDAR", "no FRAME_CRAFT_LIDAR"),
         (r#""CRAFT""#, r#""LANDER""#, "no ephemeris of LANDER"),
         // Attitudes have a gap from 15 to 16 h 40 min after the first.
-        ("2027-03-17T00:00", "2027-03-17T12:00", "with a gap there"),
+        ("2027-03-17T00:00", "2027-03-17T12:00", "with a gap from 2027-03-17T11:13:20.0000"),
         ("2027-03-17T00:00", "2027-03-19T12:00", "craft.bsp"),
         ("frames = 3", "frames = 3, axes = [\"+x\", \"+y\", \"-z\"]", "right-handed"),
         ("frames = 3", "frames = 3, spin = { period_h = 1 }", "has no such key"),

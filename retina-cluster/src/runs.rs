@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 use std::time::Instant;
 
 use retina_batch::{BatchError, Shard};
-use retina_files::{InputError, Table, hash_bytes, read_schema, read_text, write_atomic};
+use retina_files::{InputError, Table, read_schema, read_text, write_atomic};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -21,8 +21,6 @@ const OUT: &str = "out";
 const NUMBER: &str = "number";
 /// The record of a run that is done.
 const RECORD: &str = "run.json";
-/// Says of which file a folder of results is.
-const MARK: &str = "made-from.txt";
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -31,7 +29,7 @@ struct RunsFile {
     _schema: serde::de::IgnoredAny,
     command: Vec<String>,
     #[serde(default)]
-    values: BTreeMap<String, Values>,
+    values: BTreeMap<String, toml::Value>,
     table: Option<PathBuf>,
     #[serde(default)]
     collect: BTreeMap<String, String>,
@@ -39,37 +37,32 @@ struct RunsFile {
     resume: bool,
 }
 
-#[derive(Deserialize)]
-#[serde(untagged)]
-enum Values {
-    List(Vec<Scalar>),
-    Range(Range),
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Range {
-    from: i64,
-    to: i64,
-}
-
-#[derive(Deserialize)]
-#[serde(untagged)]
-enum Scalar {
-    Whole(i64),
-    Real(f64),
-    Truth(bool),
-    Text(String),
-}
-
-impl Scalar {
-    fn text(&self) -> String {
-        match self {
-            Self::Whole(value) => value.to_string(),
-            Self::Real(value) => value.to_string(),
-            Self::Truth(value) => value.to_string(),
-            Self::Text(value) => value.clone(),
+/// What a key's value takes: a list of numbers, texts and truths, or a range of whole numbers.
+fn list_of(value: &toml::Value) -> Result<Vec<String>, (&'static str, String)> {
+    const EXPECTED: &str = "a list of numbers, texts or truths, or { from = 1, to = 100 } with whole numbers";
+    let text = |value: &toml::Value| match value {
+        toml::Value::Integer(value) => Ok(value.to_string()),
+        toml::Value::Float(value) => Ok(value.to_string()),
+        toml::Value::Boolean(value) => Ok(value.to_string()),
+        toml::Value::String(value) => Ok(value.clone()),
+        other => Err((EXPECTED, other.to_string())),
+    };
+    match value {
+        toml::Value::Array(list) if list.is_empty() => Err(("one value at least", "none".to_owned())),
+        toml::Value::Array(list) => list.iter().map(text).collect(),
+        toml::Value::Table(range) => {
+            let end = |key: &str| range.get(key).and_then(toml::Value::as_integer);
+            match (end("from"), end("to"), range.len()) {
+                (Some(from), Some(to), 2) if to >= from && to.abs_diff(from) < MOST_RUNS as u64 => {
+                    Ok((from..=to).map(|value| value.to_string()).collect())
+                }
+                (Some(from), Some(to), 2) => {
+                    Err(("two whole numbers in order, at most 10 million of them", format!("{from} to {to}")))
+                }
+                _ => Err((EXPECTED, value.to_string())),
+            }
         }
+        other => Err((EXPECTED, other.to_string())),
     }
 }
 
@@ -89,7 +82,6 @@ pub struct Runs {
     collect: BTreeMap<String, String>,
     /// What is there of a run that was cut short stays for the next attempt.
     resume: bool,
-    hash: String,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -107,7 +99,7 @@ pub struct RunRecord {
     pub number: usize,
     /// Its values by name.
     pub values: BTreeMap<String, String>,
-    /// The command's words.
+    /// The command's words, with their names in braces.
     pub command: Vec<String>,
     /// Its wall-clock time, s.
     pub seconds: f64,
@@ -133,7 +125,6 @@ impl Runs {
         let file: RunsFile = read_schema(path, "retina.runs/1", "a file of runs")?;
         let refuse =
             |key: &str, problem: &str| InputError::new(path, problem.to_owned()).at(format!("key `{key}`"));
-        let mut text = read_text(path)?;
         let (names, values) = match &file.table {
             Some(_) if !file.values.is_empty() => {
                 return Err(refuse("table", "the values come from a table or from `values`, not from both"));
@@ -141,31 +132,16 @@ impl Runs {
             Some(table) => {
                 let table = path.parent().unwrap_or(Path::new("")).join(table);
                 let own = read_text(&table).map_err(|error| error.named_by(path, "table"))?;
-                text.push_str(&own);
                 rows(&table, &own)?
             }
             None => {
                 let mut lists = Vec::new();
                 for (name, values) in &file.values {
-                    let list: Vec<String> = match values {
-                        Values::List(list) => list.iter().map(Scalar::text).collect(),
-                        Values::Range(Range { from, to })
-                            if to >= from && to.abs_diff(*from) < MOST_RUNS as u64 =>
-                        {
-                            (*from..=*to).map(|value| value.to_string()).collect()
-                        }
-                        Values::Range(Range { from, to }) => {
-                            return Err(refuse(&format!("values.{name}"), "the range does not fit")
-                                .found(format!("{from} to {to}"))
-                                .expected(format!(
-                                    "two whole numbers in order, at most {MOST_RUNS} of them"
-                                )));
-                        }
-                    };
-                    if list.is_empty() {
-                        return Err(refuse(&format!("values.{name}"), "there is no value"));
-                    }
-                    lists.push(list);
+                    lists.push(list_of(values).map_err(|(expected, found)| {
+                        refuse(&format!("values.{name}"), "the values do not fit")
+                            .found(found)
+                            .expected(expected)
+                    })?);
                 }
                 (file.values.keys().cloned().collect(), Choices::Grid(lists))
             }
@@ -177,7 +153,6 @@ impl Runs {
             values,
             collect: file.collect,
             resume: file.resume,
-            hash: hash_bytes(text.as_bytes()),
         };
         own.check()?;
         Ok(own)
@@ -209,15 +184,36 @@ impl Runs {
                 error("values", format!("`{name}` is given by the run itself")).help("rename the value")
             );
         }
+        let taken: Vec<&str> =
+            [NUMBER, "seconds"].into_iter().chain(self.names.iter().map(String::as_str)).collect();
+        if let Some(name) = self.collect.keys().find(|name| taken.contains(&name.as_str())) {
+            return Err(error("collect", format!("the table has a column `{name}` already"))
+                .expected(format!("another name than {}", taken.join(", "))));
+        }
+        if let Some((name, pointer)) = self.collect.iter().find(|(_, pointer)| !pointer.starts_with('/')) {
+            return Err(error("collect", format!("`{name}` is no place in a document"))
+                .found(format!("`{pointer}`"))
+                .expected("a JSON pointer such as \"/errors/rms_arcsec\""));
+        }
+        if !self.collect.is_empty() && !self.command.iter().any(|word| word == "--json") {
+            return Err(error("collect", "the command prints no document to collect from".to_owned())
+                .expected("\"--json\" among the command's words"));
+        }
         let count = match &self.values {
             Choices::Rows(rows) => Some(rows.len()),
             Choices::Grid(lists) => lists.iter().try_fold(1usize, |all, list| all.checked_mul(list.len())),
         };
         match count {
+            Some(0) => Err(error("table", "the table has no row".to_owned()).expected("a row for each run")),
             Some(count) if count <= MOST_RUNS => Ok(()),
             _ => Err(error("values", "there are too many runs".to_owned())
                 .expected(format!("{MOST_RUNS} at most"))),
         }
+    }
+
+    /// The command's words, with their names in braces.
+    pub fn command(&self) -> &[String] {
+        &self.command
     }
 
     /// How many runs there are.
@@ -273,7 +269,7 @@ impl Runs {
         program: &Path,
         progress: &mut dyn FnMut(usize, usize),
     ) -> Result<RunsDone, BatchError> {
-        let out = &self.claim(out)?;
+        let out = &self.made(out)?;
         // The runs' folder is not this one.
         let program = &match program.components().count() {
             1 => program.to_path_buf(),
@@ -284,7 +280,7 @@ impl Runs {
         let mut result = RunsDone::default();
         for (at, &number) in numbers.iter().enumerate() {
             let folder = out.join(run_folder(number));
-            if folder.join(RECORD).exists() {
+            if self.record(number, &folder)?.is_some() {
                 result.skipped += 1;
             } else if self.one(number, &folder, program)? {
                 result.done += 1;
@@ -302,8 +298,8 @@ impl Runs {
             let path = path.to_path_buf();
             move |source| BatchError::Write { path, source }
         };
-        // A command that outlived the task that started it still holds the lock: it is waited for.
-        fs::create_dir_all(folder).map_err(failed(folder))?;
+        // Held until the record is written, here and by the command: another task, or this one started again beside a
+        // command that outlived it, waits for it.
         let lock_path = folder.with_extension("lock");
         let lock = File::create(&lock_path).map_err(failed(&lock_path))?;
         match lock.lock() {
@@ -311,13 +307,13 @@ impl Runs {
             Err(error) if error.kind() != ErrorKind::Unsupported => return Err(failed(&lock_path)(error)),
             _ => {}
         }
-        if folder.join(RECORD).exists() {
+        if self.record(number, folder)?.is_some() {
             return Ok(true);
         }
-        if !self.resume {
+        if !self.resume && folder.exists() {
             fs::remove_dir_all(folder).map_err(failed(folder))?;
-            fs::create_dir_all(folder).map_err(failed(folder))?;
         }
+        fs::create_dir_all(folder).map_err(failed(folder))?;
         let words = self.words(number, folder);
         let output = |name: &str| {
             let path = folder.join(name);
@@ -327,26 +323,21 @@ impl Runs {
         let status = Command::new(program)
             .args(&words)
             .current_dir(self.file.parent().filter(|path| *path != Path::new("")).unwrap_or(Path::new(".")))
-            // The command reads nothing; the lock is its as long as it runs.
-            .stdin(Stdio::from(lock))
+            // The command reads nothing.
+            .stdin(Stdio::from(lock.try_clone().map_err(failed(&lock_path))?))
             .stdout(output("stdout.txt")?)
             .stderr(output("stderr.txt")?)
             .status()
             .map_err(|error| {
                 InputError::new(program, format!("cannot be started: {error}"))
-                    .help("set RETINA to the path of the command `retina`")
+                    .help("put the command `retina` into the PATH")
             })?;
         if status.success() {
             let record = RunRecord {
                 schema: "retina.run/1".into(),
                 number,
-                values: self
-                    .names
-                    .iter()
-                    .cloned()
-                    .zip(self.values_of(number).into_iter().map(String::from))
-                    .collect(),
-                command: words,
+                values: self.named(number),
+                command: self.command.clone(),
                 seconds: started.elapsed().as_secs_f64(),
             };
             let mut text = serde_json::to_string_pretty(&record)
@@ -354,28 +345,51 @@ impl Runs {
             text.push('\n');
             let path = folder.join(RECORD);
             write_atomic(&path, text.as_bytes()).map_err(failed(&path))?;
+            // Whoever waits for it finds the record.
+            let _ = fs::remove_file(&lock_path);
         }
-        let _ = fs::remove_file(&lock_path);
         Ok(status.success())
     }
 
-    /// Marks a folder as this file's, or finds that it is; gives its absolute path.
-    fn claim(&self, out: &Path) -> Result<PathBuf, InputError> {
+    /// Makes the folder of all runs; gives its absolute path.
+    fn made(&self, out: &Path) -> Result<PathBuf, InputError> {
         let runs = out.join("runs");
-        let cannot =
-            |path: &Path, error: std::io::Error| InputError::new(path, format!("cannot be written: {error}"));
-        fs::create_dir_all(&runs).map_err(|error| cannot(&runs, error))?;
-        let (mark, own) = (out.join(MARK), format!("{}\n", self.hash));
-        if !mark.exists() {
-            write_atomic(&mark, own.as_bytes()).map_err(|error| cannot(&mark, error))?;
-        } else if read_text(&mark)? != own {
-            return Err(InputError::new(
-                out,
-                "the folder holds the runs of another file, or of another version of it",
-            )
-            .help("give --out another folder, or take this one away"));
-        }
+        fs::create_dir_all(&runs)
+            .map_err(|error| InputError::new(&runs, format!("cannot be written: {error}")))?;
         fs::canonicalize(out).map_err(|error| InputError::new(out, format!("cannot be read: {error}")))
+    }
+
+    /// A run's record, where it is done.
+    ///
+    /// # Errors
+    /// It does not read, or is of another command or other values.
+    fn record(&self, number: usize, folder: &Path) -> Result<Option<RunRecord>, InputError> {
+        let path = folder.join(RECORD);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let record: RunRecord = serde_json::from_str(&read_text(&path)?).map_err(|error| {
+            InputError::new(&path, format!("is no record of a run: {error}"))
+                .help("delete it; the run is made again")
+        })?;
+        let own: BTreeMap<String, String> = self.named(number);
+        if record.values != own || record.command != self.command {
+            let told = |command: &[String], values: &BTreeMap<String, String>| {
+                let values: Vec<String> =
+                    values.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+                format!("`{}` with {}", command.join(" "), values.join(", "))
+            };
+            return Err(InputError::new(&path, "this run was made by another command, or with other values")
+                .found(told(&record.command, &record.values))
+                .expected(told(&self.command, &own))
+                .help("give --out another folder, or take this one away"));
+        }
+        Ok(Some(record))
+    }
+
+    /// The values of a run by name.
+    fn named(&self, number: usize) -> BTreeMap<String, String> {
+        self.names.iter().cloned().zip(self.values_of(number).into_iter().map(String::from)).collect()
     }
 
     /// The table of all runs that are done: number, values, seconds, and what `collect` names in the documents that the
@@ -390,13 +404,10 @@ impl Runs {
         let (mut text, mut missing) = (heads.join(",") + "\n", 0);
         for number in 0..self.count() {
             let folder = out.join(run_folder(number));
-            let path = folder.join(RECORD);
-            if !path.exists() {
+            let Some(record) = self.record(number, &folder)? else {
                 missing += 1;
                 continue;
-            }
-            let record: RunRecord = serde_json::from_str(&read_text(&path)?)
-                .map_err(|error| InputError::new(&path, format!("is no record of a run: {error}")))?;
+            };
             let mut cells = vec![number.to_string()];
             cells.extend(self.values_of(number).into_iter().map(cell));
             cells.push(format!("{:.3}", record.seconds));

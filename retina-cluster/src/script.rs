@@ -59,6 +59,8 @@ pub(crate) fn task_script(plan: &Plan) -> String {
 # RETINA names the command `retina`, ATTEMPTS says how often it is tried (3), RAYON_NUM_THREADS how many cores it takes.
 set -u
 shard=${{1:?give the number of a shard, 0 to {last}}}
+case $shard in *[!0-9]*) shard={shards} ;; esac
+[ "$shard" -lt {shards} ] || {{ echo "there is no shard $1: give a number from 0 to {last}" >&2; exit 2; }}
 cd "$(dirname "$0")" || exit 2
 {head}attempt=1
 while :; do
@@ -76,14 +78,14 @@ done
 
 /// `finish.sh`: joins what the shards have made.
 pub(crate) fn finish_script(plan: &Plan) -> String {
-    let run = match plan.work {
-        Work::Scene => "merge shards/* --out merged".to_owned(),
-        // What failed is not tried again here.
-        Work::Runs => format!("{} --collect", campaign(plan)),
-        _ => campaign(plan),
+    let (check, run) = match plan.work {
+        Work::Scene => ("", "merge shards/* --out merged".to_owned()),
+        Work::Runs => ("", format!("{} --collect", campaign(plan))),
+        // Their own command would make what is missing here.
+        _ => ("\"$retina\" status . --complete >/dev/null\n", campaign(plan)),
     };
     format!(
-        "#!/bin/sh\n# Joins what the shards have made. It refuses as long as something is missing.\nset -eu\ncd \"$(dirname \"$0\")\"\n{head}exec \"$retina\" {run}\n",
+        "#!/bin/sh\n# Joins what the shards have made. It refuses as long as something is missing.\nset -eu\ncd \"$(dirname \"$0\")\"\n{head}{check}exec \"$retina\" {run}\n",
         head = head(plan),
     )
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use retina_batch::{FolderState, Shard};
-use retina_experiments::experiment::busy_folders;
+use retina_experiments::experiment::{busy_folders, torn_in_part};
 use retina_experiments::lines::list_name;
 use retina_experiments::{flashes, full_disk};
 use retina_files::{InputError, read_bytes};
@@ -92,9 +92,9 @@ impl PlanState {
         let mut shards = (0..plan.shards)
             .map(|shard| match plan.work {
                 Work::Scene => scene_shard(plan, dir, shard, verify, now),
-                Work::FarRange => list_shard(plan, dir, shard, "poses", now),
-                Work::FullDisk => list_shard(plan, dir, shard, full_disk::LAST_LIST, now),
-                Work::Flashes => list_shard(plan, dir, shard, flashes::LAST_LIST, now),
+                Work::FarRange => list_shard(plan, dir, shard, "poses", verify, now),
+                Work::FullDisk => list_shard(plan, dir, shard, full_disk::LAST_LIST, verify, now),
+                Work::Flashes => list_shard(plan, dir, shard, flashes::LAST_LIST, verify, now),
                 Work::Runs => Ok(runs_shard(plan, dir, shard, now)),
             })
             .collect::<Result<Vec<_>, InputError>>()?;
@@ -175,12 +175,13 @@ fn state_of(items: usize, done: usize, torn: usize, at_work: bool) -> StateOfSha
 }
 
 /// A shard whose results are lines of a list: a first line that says whose they are, then one a pose or frame. A last line
-/// that was cut short is torn. Before its list a shard of frames renders and photographs them.
+/// that was cut short is torn, and with `verify` a frame whose files are not what they were. Before its list a shard of frames renders and photographs them.
 fn list_shard(
     plan: &Plan,
     dir: &Path,
     shard: usize,
     stem: &str,
+    verify: bool,
     now: SystemTime,
 ) -> Result<ShardState, InputError> {
     let items = plan.items_of(shard);
@@ -192,6 +193,11 @@ fn list_shard(
         let text = read_bytes(&path)?;
         done = text.iter().filter(|byte| **byte == b'\n').count().saturating_sub(1).min(items);
         torn = usize::from(text.last().is_some_and(|byte| *byte != b'\n')).min(items - done);
+    }
+    if verify {
+        let damaged = torn_in_part(&results, part)?.len().min(items);
+        done = done.min(items - damaged);
+        torn = torn.max(damaged);
     }
     let quiet_s = age_s(std::iter::once(path).chain(busy_folders(&results, part)), now);
     let begun = quiet_s.is_some();

@@ -21,8 +21,8 @@ use serde::Deserialize;
 use thiserror::Error;
 
 use crate::lines::list_name;
-pub use crate::parts::busy_folders;
 use crate::parts::{begun, part_folder, part_of, parts};
+pub use crate::parts::{busy_folders, torn_in_part};
 
 /// What ends the experiment.
 #[derive(Debug, Error)]

@@ -103,7 +103,9 @@ fn parse<T: Line>(path: &Path, text: &str, hash: &str) -> Result<(BTreeMap<usize
     let mut done = BTreeMap::new();
     for (number, line) in text[..whole].lines().enumerate().skip(1) {
         let result: T = serde_json::from_str(line).map_err(|error| {
-            InputError::new(path, format!("is not a result among {}: {error}", T::WHAT)).line(number + 1)
+            InputError::new(path, format!("is not a result among {}: {error}", T::WHAT))
+                .line(number + 1)
+                .help("delete that line; its result is made again")
         })?;
         done.insert(result.number(), result);
     }

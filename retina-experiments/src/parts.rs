@@ -3,9 +3,11 @@
 //! Part `I/N` has the frames at the places I, I + N, I + 2N, ... of the scenario's own. Its screens and photographs lie in
 //! `parts/I-of-N/` of the results' folder; its lists lie beside those of the whole, which reads them.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use retina_batch::{FolderState, FrameRange, Selection, Shard};
+use retina_campaign::torn_frames;
 use retina_files::InputError;
 
 /// The folder of all parts.
@@ -22,6 +24,27 @@ pub fn busy_folders(out: &Path, part: Shard) -> Vec<PathBuf> {
     let below = |kind: &str| std::fs::read_dir(folder.join(kind)).into_iter().flatten().flatten();
     let screens = below("screen").map(|entry| entry.path().join("manifest.jsonl"));
     screens.chain(below("bench").map(|entry| entry.path().join("images"))).collect()
+}
+
+/// Frames of a part whose screens or photographs are not what they were when they were made, by name.
+///
+/// # Errors
+/// A folder of the part cannot be read.
+pub fn torn_in_part(out: &Path, part: Shard) -> Result<BTreeSet<String>, InputError> {
+    let folder = part_folder(out, part);
+    let below = |kind: &str| {
+        std::fs::read_dir(folder.join(kind)).into_iter().flatten().flatten().map(|entry| entry.path())
+    };
+    let mut torn = BTreeSet::new();
+    for screens in below("screen") {
+        if let Some(state) = FolderState::read(&screens, true)? {
+            torn.extend(state.torn.iter().map(|frame| format!("{frame:06}.png")));
+        }
+    }
+    for photographs in below("bench") {
+        torn.extend(torn_frames(&photographs)?);
+    }
+    Ok(torn)
 }
 
 /// The parts that have begun, in the order of their numbers.

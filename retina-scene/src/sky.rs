@@ -141,7 +141,7 @@ impl Scene {
     fn sky_error(&self, frame: &SceneFrame, error: &dyn std::fmt::Display) -> InputError {
         self.trajectory
             .error_at(frame.index, error.to_string())
-            .help("with a table [stars], time_s is TDB seconds since J2000 and positions are barycentric, m")
+            .help("with a table [stars], time_s is TDB seconds since J2000 and positions are barycentric, m; `planets = false` in it shows stars alone")
     }
 
     fn hidden(&self, frame: &SceneFrame, direction_camera: DVec3, distance_m: f64) -> bool {

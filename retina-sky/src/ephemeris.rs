@@ -64,6 +64,15 @@ pub enum EphemerisError {
         /// The body's name and NAIF's number.
         body: String,
     },
+    /// A name that neither RETINA nor a kernel gives a number.
+    #[error(
+        "no ephemeris of {body}: no kernel gives that name a number (NAIF_BODY_NAME); add a frame kernel (.tf) that \
+         does, or give NAIF's number instead"
+    )]
+    NoNumber {
+        /// The name.
+        body: String,
+    },
     /// An epoch that the kernels do not cover.
     #[error("no ephemeris of {body} at {} in {kernels}, which covers it from {covered}", format_epoch_tdb(*.tdb_s))]
     NotCovered {
@@ -277,7 +286,7 @@ impl Ephemeris {
         }
         match loaded.axes.number(body) {
             Some(number) => kernels.body(number, tdb_s),
-            None => Err(unknown(self.name())),
+            None => Err(EphemerisError::NoNumber { body: body.to_owned() }),
         }
     }
 

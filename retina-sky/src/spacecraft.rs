@@ -14,6 +14,9 @@ use crate::trajectory::{BodyPose, FramePose, Trajectory, look_at};
 /// Passes of the light-time: each gains a factor of c over the body's speed, 10^4 and more.
 const LIGHT_TIME_PASSES: usize = 3;
 
+/// Nearer to a body's centre there is no direction to it, m: the rounding of barycentric places.
+const LEAST_DISTANCE_M: f64 = 0.1;
+
 /// What the camera's axes are.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Pointing {
@@ -112,7 +115,9 @@ impl SpacecraftFrames {
             let left_s = tdb_s - light_time_s;
             let there_m = ephemeris.state(name, left_s)?.position_m;
             let from_m = there_m - own.position_m;
-            let position_m = own.position_m + observer.apparent_source(from_m) * from_m.length();
+            let seen =
+                if from_m.length() < LEAST_DISTANCE_M { DVec3::Z } else { observer.apparent_source(from_m) };
+            let position_m = own.position_m + seen * from_m.length();
             let turned = ephemeris.body_from_inertial(name, left_s)?;
             let body_from_inertial = turned.ok_or_else(|| EphemerisError::Attitude {
                 frame: name.clone(),
@@ -136,7 +141,18 @@ impl SpacecraftFrames {
                     tdb_s,
                     reason: "there is no body to point at; name a frame".to_owned(),
                 })?;
-                look_at(towards.position_m - own.position_m, DVec3::Z)
+                let towards_m = towards.position_m - own.position_m;
+                if towards_m.length() < LEAST_DISTANCE_M {
+                    return Err(EphemerisError::Attitude {
+                        frame: "the camera".to_owned(),
+                        tdb_s,
+                        reason: format!(
+                            "{} is at the centre of the body that it is to point at",
+                            self.observer
+                        ),
+                    });
+                }
+                look_at(towards_m, DVec3::Z)
             }
         };
         Ok(pose)

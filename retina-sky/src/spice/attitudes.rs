@@ -90,10 +90,13 @@ impl Attitudes {
                 self.of(instrument).map(|own| own.span_ticks[1]).fold(f64::NEG_INFINITY, f64::max),
             ]
             .map(|ticks| format_epoch_tdb(clock.tdb_s(ticks)));
-            let gaps = if (first.as_str()..=last.as_str()).contains(&format_epoch_tdb(tdb_s).as_str()) {
-                ", with a gap there"
-            } else {
-                ""
+            let around: Vec<[Option<f64>; 2]> = self.of(instrument).map(|own| own.around(ticks)).collect();
+            let before = around.iter().filter_map(|[before, _]| *before).reduce(f64::max);
+            let after = around.iter().filter_map(|[_, after]| *after).reduce(f64::min);
+            let gaps = match [before, after].map(|end| end.map(|ticks| format_epoch_tdb(clock.tdb_s(ticks))))
+            {
+                [Some(before), Some(after)] => format!(", with a gap from {before} to {after}"),
+                _ => String::new(),
             };
             format!("{} has attitudes of {instrument} from {first} to {last}{gaps}", names.join(", "))
         })

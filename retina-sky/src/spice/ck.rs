@@ -158,6 +158,16 @@ fn linear(words: &[f64], record: usize) -> Read {
 }
 
 impl AttitudeSegment {
+    /// The ends of a gap at `ticks`: the last instant before that has an attitude, and the first after it.
+    pub(super) fn around(&self, ticks: f64) -> [Option<f64>; 2] {
+        let after = self.at_ticks.partition_point(|&own| own <= ticks);
+        let before = after.checked_sub(1).map(|at| match &self.turning {
+            Turning::Steady { until_ticks, .. } => until_ticks[at].min(ticks),
+            _ => self.at_ticks[at],
+        });
+        [before, self.at_ticks.get(after).copied()]
+    }
+
     /// The rotation from the reference frame's axes to the instrument's; `None` where the segment does not say it.
     /// Attitudes at instants alone hold within `tolerance_ticks` of them.
     pub(super) fn axes_from_reference(&self, ticks: f64, tolerance_ticks: f64) -> Option<DQuat> {

@@ -96,7 +96,11 @@ pub(super) fn frame(pool: &Pool, asked: Asked<'_>, name_or_number: &str) -> Resu
 fn number(pool: &Pool, name: &str) -> Result<Option<i32>, InputError> {
     match name.parse::<i32>() {
         Ok(number) => Ok(Some(number)),
-        Err(_) => pool.integer(&format!("FRAME_{name}")),
+        // Names of frames are the same in small letters.
+        Err(_) => match pool.integer(&format!("FRAME_{name}"))? {
+            None => pool.integer(&format!("FRAME_{}", name.to_ascii_uppercase())),
+            number => Ok(number),
+        },
     }
 }
 

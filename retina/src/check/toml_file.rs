@@ -42,7 +42,7 @@ pub(super) fn check_toml(path: &Path, company: &Company) -> Result<Checked, Inpu
     let out = |kind: &str| Checked::of_schema(kind, schema);
     match schema {
         "retina.setup/1" => setup(&Setup::read(path)?),
-        "retina.scene/1" => Ok(scene(&Scene::read(path)?)),
+        "retina.scene/1" => scene(&Scene::read(path)?),
         "retina.calibration/1" => calibration(path, &table, company),
         "retina.far-range/1" => {
             let campaign = far_range::Scenario::read(path, &far_range::Choice::default())?;
@@ -135,7 +135,11 @@ pub(super) fn setup(setup: &Setup) -> Result<Checked, InputError> {
     Ok(out)
 }
 
-fn scene(scene: &Scene) -> Checked {
+fn scene(scene: &Scene) -> Result<Checked, InputError> {
+    // The first frame as a run would see it: places, axes, planets.
+    if scene.frame_count() > 0 {
+        scene.sky(&scene.frame(0)?)?;
+    }
     let image = &scene.image;
     let bodies: Vec<&str> = scene.bodies.iter().map(|body| body.name.as_str()).collect();
     let mut out = Checked::of_schema("scene", "retina.scene/1")
@@ -150,8 +154,9 @@ fn scene(scene: &Scene) -> Checked {
     if scene.flashes.is_some() {
         out = out.says("flashes are shown");
     }
-    out.says(format!("compensation `{}`; {} input files", scene.compensation.name(), scene.inputs.len()))
-        .says("`retina render` renders it")
+    Ok(out
+        .says(format!("compensation `{}`; {} input files", scene.compensation.name(), scene.inputs.len()))
+        .says("`retina render` renders it"))
 }
 
 fn calibration(path: &Path, table: &toml::Table, company: &Company) -> Result<Checked, InputError> {

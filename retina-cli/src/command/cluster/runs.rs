@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use clap::CommandFactory as _;
 use retina::cluster::Runs;
 use retina_batch::Shard;
-use retina_files::{InputError, write_atomic};
+use retina_files::{InputError, nearest, write_atomic};
 use serde_json::json;
 
 use super::plan::own_command;
@@ -32,12 +33,35 @@ pub(crate) struct Arguments {
     json: bool,
 }
 
+/// The command must be one of ours, and no runs again.
+fn check_command(runs: &Runs) -> Result<(), InputError> {
+    let first = runs.command().first().map_or("", String::as_str);
+    let all = crate::Arguments::command();
+    let error =
+        |problem: &str| InputError::new(&runs.file, problem).at("key `command`").found(format!("`{first}`"));
+    match all.find_subcommand(first) {
+        Some(_) if first == "runs" => {
+            Err(error("runs do not run runs").expected("another command of `retina`"))
+        }
+        Some(_) => Ok(()),
+        None => {
+            let names = all.get_subcommands().map(clap::Command::get_name);
+            let near = nearest(first, names).map_or_else(
+                || "`retina --help` lists them".to_owned(),
+                |near| format!("did you mean `{near}`?"),
+            );
+            Err(error("`retina` has no such command").help(near))
+        }
+    }
+}
+
 /// Most failed runs that are named.
 const MOST_NAMED: usize = 10;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let runs = Runs::read(&arguments.file)?;
-    let program = std::env::var_os("RETINA").map_or_else(|| PathBuf::from(own_command()), PathBuf::from);
+    check_command(&runs)?;
+    let program = PathBuf::from(own_command());
     let mut made = retina::cluster::RunsDone::default();
     if !arguments.collect {
         let bar = counter(runs.count() as u64, "runs");
@@ -54,7 +78,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             return Err(InputError::new(&arguments.out, "runs are missing")
                 .found(format!("{} of {} runs", runs.count() - missing, runs.count()))
                 .expected("all of them")
-                .help("run the tasks that `retina status` names again; a run's stderr.txt says why it failed")
+                .help("make them by the same command without --collect, or by the plan's tasks; a run's stderr.txt says why it failed")
                 .into());
         }
         let path = arguments.out.join("runs.csv");
@@ -62,10 +86,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             .map_err(|error| InputError::new(&path, format!("cannot be written: {error}")))?;
         table = Some(path);
     }
+    let there = if arguments.collect { runs.count() } else { made.skipped };
     tell!(
         "{} runs made, {} were there already, {} failed; {}",
         made.done,
-        made.skipped,
+        there,
         made.failed.len(),
         table.as_deref().unwrap_or(Path::new(&arguments.out)).display()
     );
@@ -76,7 +101,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             "table": table,
             "runs": runs.count(),
             "done": made.done,
-            "skipped": made.skipped,
+            "skipped": there,
             "failed": made.failed,
             "missing": missing,
         }))?;

@@ -20,13 +20,16 @@ pub(crate) struct Arguments {
     /// Hold every file to its hash; else it only has to be there and not empty.
     #[arg(long)]
     verify: bool,
+    /// Exit with code 2 if something is missing or torn.
+    #[arg(long)]
+    complete: bool,
     /// Print a JSON document on standard output.
     #[arg(long)]
     json: bool,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { dir, verify, json } = arguments;
+    let Arguments { dir, verify, complete, json } = arguments;
     let (document, lines) = if let Some(plan) = Plan::read(dir)? {
         let state = PlanState::read(&plan, dir, *verify)?;
         (plan_document(dir, &plan, &state, *verify), plan_lines(&plan, &state))
@@ -37,7 +40,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             .expected("a folder that `retina plan`, `retina render` or `retina merge` wrote")
             .into());
     };
-    if *json { print_json(&document) } else { print_lines(&lines) }
+    if *json {
+        print_json(&document)?;
+    } else {
+        print_lines(&lines)?;
+    }
+    if *complete && document["complete"] != true {
+        return Err(InputError::new(
+            dir,
+            format!("{} are missing", document["unit"].as_str().unwrap_or("items")),
+        )
+        .found(format!("{} of {}", document["done"], document["items"]))
+        .help("run the tasks of the shards that are not done again")
+        .into());
+    }
+    Ok(())
 }
 
 fn plan_document(dir: &Path, plan: &Plan, state: &PlanState, verified: bool) -> Value {
