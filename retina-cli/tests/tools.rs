@@ -149,3 +149,57 @@ fn the_machine_and_the_shell() {
     assert_done(&run(&["man", "--out", "man"]));
     assert!(folder.path().join("man/retina-render.1").is_file());
 }
+
+#[test]
+fn linear_images_are_split_into_screens_that_add_up() {
+    let fixture = common::Fixture::new();
+    std::fs::create_dir(fixture.path("linear")).unwrap();
+    let samples: Vec<u16> = (0..160 * 100).map(|at| (at * 4) as u16).collect();
+    let linear = |name: &str, width: u32| {
+        image::ImageBuffer::<image::Luma<u16>, _>::from_raw(
+            width,
+            100,
+            samples[..width as usize * 100].to_vec(),
+        )
+        .unwrap()
+        .save(fixture.path(name))
+        .unwrap();
+    };
+    linear("linear/ramp.png", 160);
+    let run = |more: &[&str]| {
+        let mut command = common::retina();
+        command
+            .args(["lab", "split"])
+            .arg(fixture.path("linear"))
+            .arg("--setup")
+            .arg(fixture.path("setup.toml"));
+        command.arg("--out").arg(fixture.path("split")).args(more).output().unwrap()
+    };
+    for (shares, said) in [("0.1,0.9", "--shares"), ("1", "--shares"), ("0.5,0.4", "add up to 1")] {
+        common::assert_refused(&run(&["--shares", shares]), &[said]);
+        assert!(!fixture.path("split").exists());
+    }
+    let told = common::json(&run(&["--shares", "0.9,0.09,0.01", "--json"]));
+    let part = |key: &str| told[key].as_f64().unwrap();
+    assert!(
+        part("largest_error") < 1e-4 && part("relative_rms") < 0.05 * part("relative_rms_of_one"),
+        "{told}"
+    );
+    let table = std::fs::read_to_string(fixture.path("split/split.csv")).unwrap();
+    assert!(table.contains("ramp.png") && table.contains(",screens/ramp-3.png,0.01"), "{table}");
+    // The screens add up to the image.
+    let level = |count: u8| (f64::from(count) / 255.0).powf(2.2);
+    let screens = [1, 2, 3].map(|part| {
+        image::open(fixture.path(&format!("split/screens/ramp-{part}.png"))).unwrap().to_luma8().into_raw()
+    });
+    for (at, wanted) in samples.iter().enumerate() {
+        let sum: f64 =
+            screens.iter().zip([0.9, 0.09, 0.01]).map(|(screen, share)| share * level(screen[at])).sum();
+        assert!((sum - f64::from(*wanted) / 65535.0).abs() < 1e-4, "{at}");
+    }
+    common::assert_refused(&run(&[]), &["is there already"]);
+    std::fs::remove_dir_all(fixture.path("split")).unwrap();
+    linear("linear/narrow.png", 80);
+    common::assert_refused(&run(&[]), &["narrow.png", "another size", "160 x 100 px"]);
+    assert!(!fixture.path("split").exists());
+}

@@ -9,8 +9,6 @@ use retina_gige::{CameraInfo, Imager, Knob, Shot};
 
 use crate::{LabError, ScreenView, Screw, Turns};
 
-/// Time between two looks at the screen during an exposure, s: a refresh of 60 Hz.
-const REFRESH_S: f64 = 1.0 / 60.0;
 /// Longest exposure, s.
 const LONGEST_EXPOSURE_S: f64 = 60.0;
 
@@ -118,7 +116,7 @@ impl BenchCamera {
         let mut seen_s = 0.0;
         while seen_s < exposure_s {
             let image = self.view.read()?;
-            let until_s = (start.elapsed().as_secs_f64() + REFRESH_S).min(exposure_s).max(seen_s);
+            let until_s = (start.elapsed().as_secs_f64() + self.view.look_s()).min(exposure_s).max(seen_s);
             // What was read stands for the time from the last look on.
             let lasts_s = until_s - seen_s;
             match screens.last_mut() {

@@ -18,7 +18,9 @@ use crate::{LabError, Rig, Sequence, SequenceFrame, SequenceKind};
 /// Log of a folder of images: a line an image, written when the image is on the disk.
 const LOG: &str = "captures.csv";
 const LOG_HEAD: &str = "image,frame,exposure_index,repeat,exposure_s,gain_db,time_s,unix_s,camera_time_s,\
-                        temperature_c,verified,lost";
+                        temperature_c,verified,lost,patch";
+/// How long each of several screens was there in an image's exposure.
+const PARTS: &str = "parts.csv";
 /// What the folder's images were taken of.
 const MADE_FROM: &str = "captures.txt";
 /// First trial where the exposure is looked for, s.
@@ -123,15 +125,25 @@ pub fn capture(
                     folder.write_table(sequence, &lines)?;
                     return Err(interrupted);
                 }
+                let sum = !frame.parts.is_empty();
                 if !shown {
                     let start_s = lines.values().map(|line: &Line| line.unix_s - line.time_s).next();
                     let elapsed_s = start_s.map(|start| unix_s() - start);
                     before(rig, &Upcoming { frame, taken: lines.len(), elapsed_s })?;
-                    rig.show(&frame.image()?)?;
+                    if !sum {
+                        rig.show(&frame.image()?)?;
+                    }
                     shown = true;
                 }
                 let unix_s = unix_s();
-                let taken = rig.take(exposure_s)?;
+                let taken = if sum {
+                    let screens = frame.screens()?;
+                    let (taken, shown_s) = rig.take_sum(exposure_s, &screens)?;
+                    folder.append_parts(&image, frame, &shown_s)?;
+                    taken
+                } else {
+                    rig.take(exposure_s)?
+                };
                 taken.image.write_png(&folder.images.join(&image))?;
                 let first_s =
                     lines.values().map(|line: &Line| line.unix_s - line.time_s).next().unwrap_or(unix_s);
@@ -145,7 +157,7 @@ pub fn capture(
                     temperature_c: taken.temperature_c,
                     lost: taken.lost.into(),
                 };
-                folder.append(&line, repeat, rig.gain_db, taken.time_s, rig.screen.verifies())?;
+                folder.append(&line, repeat, rig, taken.time_s)?;
                 lines.insert(image, line);
                 progress(lines.len(), total);
             }
@@ -202,7 +214,9 @@ impl Folder {
         let images = out.join("images");
         let mut text = format!("{options:?} {gain_db}\n");
         for frame in &sequence.frames {
-            let _ = writeln!(text, "{} {:?} {}", frame.name, frame.exposure_s, hash_file(&frame.file)?);
+            for file in frame.files() {
+                let _ = writeln!(text, "{} {:?} {}", frame.name, frame.exposure_s, hash_file(file)?);
+            }
         }
         let own = format!("{}\n", hash_bytes(text.as_bytes()));
         let mark = out.join(MADE_FROM);
@@ -269,14 +283,8 @@ impl Folder {
         Ok(lines)
     }
 
-    fn append(
-        &self,
-        line: &Line,
-        repeat: usize,
-        gain_db: f64,
-        camera_time_s: f64,
-        verified: bool,
-    ) -> Result<(), LabError> {
+    fn append(&self, line: &Line, repeat: usize, rig: &Rig<'_>, camera_time_s: f64) -> Result<(), LabError> {
+        let (gain_db, verified, patch) = (rig.gain_db, rig.screen.verifies(), rig.screen.patch());
         let path = self.out.join(LOG);
         let new = !path.exists();
         let mut file =
@@ -284,7 +292,7 @@ impl Folder {
         let mut text = if new { format!("{LOG_HEAD}\n") } else { String::new() };
         let _ = writeln!(
             text,
-            "{},{},{},{repeat},{},{gain_db},{:.6},{:.6},{camera_time_s:.9},{},{},{}",
+            "{},{},{},{repeat},{},{gain_db},{:.6},{:.6},{camera_time_s:.9},{},{},{},{}",
             line.image,
             line.frame,
             line.exposure,
@@ -293,9 +301,22 @@ impl Folder {
             line.unix_s,
             cell(line.temperature_c),
             u8::from(verified),
-            line.lost
+            line.lost,
+            patch.map_or_else(String::new, |white| u8::from(white).to_string())
         );
         file.write_all(text.as_bytes()).and_then(|()| file.sync_data()).map_err(|error| failed(&path, error))
+    }
+
+    /// How long each screen of a sum was there.
+    fn append_parts(&self, image: &str, frame: &SequenceFrame, shown_s: &[f64]) -> Result<(), LabError> {
+        let path = self.out.join(PARTS);
+        let mut text = if path.exists() { String::new() } else { "image,screen,share,shown_s\n".to_owned() };
+        for (part, shown_s) in frame.parts.iter().zip(shown_s) {
+            let screen = part.file.file_name().unwrap_or_default().to_string_lossy();
+            let _ = writeln!(text, "{image},{screen},{},{shown_s:.6}", part.share);
+        }
+        let file = OpenOptions::new().create(true).append(true).open(&path);
+        file.and_then(|mut file| file.write_all(text.as_bytes())).map_err(|error| failed(&path, error))
     }
 
     /// The table for the commands that go on from here.

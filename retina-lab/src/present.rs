@@ -2,6 +2,8 @@
 
 use std::time::{Duration, Instant};
 
+use retina_files::InputError;
+
 use crate::{LabError, Screen, Sequence};
 
 /// How a sequence is shown.
@@ -40,6 +42,11 @@ pub fn present(
     stop: &dyn Fn() -> bool,
     mut progress: impl FnMut(usize),
 ) -> Result<Presented, LabError> {
+    if let Some(frame) = sequence.frames.iter().find(|frame| !frame.parts.is_empty()) {
+        return Err(InputError::new(&frame.file, "is shown by several screens within one exposure")
+            .help("`retina lab capture` shows such frames; the screens themselves are a sequence, too")
+            .into());
+    }
     let wait_until = |due: Instant| {
         while Instant::now() < due && !stop() {
             let left_s = due.saturating_duration_since(Instant::now()).as_secs_f64();
@@ -107,6 +114,7 @@ mod tests {
                     exposure_ratio: 1.0,
                     exposure_s: None,
                     planned: crate::Planned::default(),
+                    parts: Vec::new(),
                 }
             })
             .collect();

@@ -1,4 +1,4 @@
-//! What is to be shown and photographed: a pattern, a plan, or rendered frames.
+//! What is to be shown and photographed: a pattern, a plan, rendered frames, or frames of several screens each.
 
 use std::path::{Path, PathBuf};
 
@@ -9,6 +9,7 @@ use retina_files::InputError;
 use retina_geometry::Setup;
 
 use crate::LabError;
+use crate::split::{FramePart, SPLIT_FILE, read_split};
 
 /// What the images will be taken for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,6 +33,8 @@ pub struct SequenceFrame {
     pub exposure_s: Option<f64>,
     /// What a plan asks for besides.
     pub planned: Planned,
+    /// Screens that are shown one after the other within its exposure; none where its file is the screen.
+    pub parts: Vec<FramePart>,
 }
 
 /// Conditions that a plan asks for, as the columns of `images.csv`; what is absent is as it is.
@@ -83,6 +86,7 @@ impl Sequence {
                     file: folder.join("screens").join(&screen.file),
                     exposure_ratio: screen.exposure_ratio,
                     exposure_s: exposure.exposure_s,
+                    parts: Vec::new(),
                     planned: Planned {
                         time_s: exposure.time_s,
                         temperature_c: exposure.temperature_c,
@@ -104,8 +108,20 @@ impl Sequence {
                 exposure_ratio: screen.exposure_ratio,
                 exposure_s: None,
                 planned: Planned::default(),
+                parts: Vec::new(),
             });
             return Ok(Self { kind: SequenceKind::Pattern, frames: frames.collect() });
+        }
+        if folder.join(SPLIT_FILE).is_file() {
+            let frames = read_split(folder)?.into_iter().map(|(name, light, parts)| SequenceFrame {
+                name,
+                file: light,
+                exposure_ratio: 1.0,
+                exposure_s: None,
+                planned: Planned::default(),
+                parts,
+            });
+            return Ok(Self { kind: SequenceKind::Frames, frames: frames.collect() });
         }
         let files = screens_of(folder).map_err(|error| {
             error.expected("a pattern (`retina pattern`), a plan (`retina decide`), frames (`retina render`) or PNG files")
@@ -116,6 +132,7 @@ impl Sequence {
             exposure_ratio: 1.0,
             exposure_s: None,
             planned: Planned::default(),
+            parts: Vec::new(),
         });
         Ok(Self { kind: SequenceKind::Frames, frames: frames.collect() })
     }
@@ -128,12 +145,26 @@ fn is_plain(name: &str) -> bool {
 }
 
 impl SequenceFrame {
-    /// Its screen image.
+    /// Its screen image; the first of several.
     ///
     /// # Errors
     /// The file does not read.
     pub fn image(&self) -> Result<ScreenImage, LabError> {
-        Ok(read_screen(&self.file)?)
+        Ok(read_screen(self.parts.first().map_or(&self.file, |part| &part.file))?)
+    }
+
+    /// The screens of its exposure and their shares.
+    ///
+    /// # Errors
+    /// A file does not read.
+    pub(crate) fn screens(&self) -> Result<Vec<(ScreenImage, f64)>, LabError> {
+        self.parts.iter().map(|part| Ok((read_screen(&part.file)?, part.share))).collect()
+    }
+
+    /// All files that are shown.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        let own = self.parts.is_empty().then_some(&self.file);
+        own.into_iter().chain(self.parts.iter().map(|part| &part.file))
     }
 }
 

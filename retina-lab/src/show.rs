@@ -4,6 +4,7 @@ mod command;
 mod dose;
 mod folder;
 mod guarded;
+mod patch;
 mod window;
 
 use std::fmt;
@@ -17,6 +18,7 @@ use retina_geometry::{ScreenLimits, Setup};
 
 use crate::{LabError, ScreenView};
 
+pub use patch::Patch;
 pub(crate) use window::find as find_outputs;
 
 /// Which screen shows the frames.
@@ -92,21 +94,29 @@ pub trait Screen: Send {
     /// Whether [`Self::show`] has read the frame back from the screen.
     fn verifies(&self) -> bool;
 
+    /// Whether the photodiode's patch is white in the last frame; `None` where there is none.
+    fn patch(&self) -> Option<bool> {
+        None
+    }
+
     /// What a user should know of it, a sentence each: settings that change what is shown.
     fn remarks(&self) -> Vec<String> {
         Vec::new()
     }
 }
 
-/// Opens the setup's screen, within its limits. `bench` is where the virtual bench looks.
+/// Opens the setup's screen, within its limits, with a photodiode's patch where there is one. `bench` is where the virtual
+/// bench looks.
 ///
 /// # Errors
-/// There is no such screen, it has another size, or another program drives it.
+/// There is no such screen, it has another size, or another program drives it; the camera sees the patch.
 pub fn open_screen(
     spec: &ScreenSpec,
     setup: &Setup,
+    patch: Option<Patch>,
     bench: &BenchScreen,
 ) -> Result<Box<dyn Screen>, LabError> {
+    patch.map_or(Ok(()), |patch| patch.check(setup))?;
     let size_px = [setup.screen.width_px, setup.screen.height_px];
     let mut screen: Box<dyn Screen> = match spec {
         ScreenSpec::X11 { display, output } => {
@@ -122,6 +132,9 @@ pub fn open_screen(
         screen = Box::new(guarded::Guarded::new(screen, &spec.to_string(), setup, counted)?);
     }
     screen.show(&ScreenImage::dark(size_px[0], size_px[1]))?;
+    if let Some(patch) = patch {
+        screen = Box::new(patch::Patched::new(screen, patch));
+    }
     Ok(screen)
 }
 
@@ -156,6 +169,11 @@ impl Screen for BenchScreen {
 impl ScreenView for BenchScreen {
     fn read(&mut self) -> Result<Arc<ScreenImage>, LabError> {
         Ok(Arc::clone(&self.shown.lock().unwrap_or_else(PoisonError::into_inner)))
+    }
+
+    /// A look costs nothing.
+    fn look_s(&self) -> f64 {
+        0.002
     }
 }
 

@@ -45,6 +45,9 @@ impl fmt::Display for ScreenAddress {
     }
 }
 
+/// A refresh of 60 Hz, s.
+const REFRESH_S: f64 = 1.0 / 60.0;
+
 /// Reads what a screen shows.
 pub trait ScreenView: Send {
     /// The image that is shown now; the same one as before where nothing has changed.
@@ -52,6 +55,11 @@ pub trait ScreenView: Send {
     /// # Errors
     /// The display is gone, or shows an image that is no screen image.
     fn read(&mut self) -> Result<Arc<ScreenImage>, LabError>;
+
+    /// Time between two looks during an exposure, s.
+    fn look_s(&self) -> f64 {
+        REFRESH_S
+    }
 }
 
 /// Opens a screen of `size_px` for reading.

@@ -23,11 +23,11 @@ fn lit() -> ScreenImage {
 fn a_folder_shows_what_was_written_last_and_is_dark_at_the_end() {
     let dir = tempfile::tempdir().unwrap();
     let (spec, none) = (ScreenSpec::Folder(dir.path().into()), BenchScreen::new(SIZE));
-    let mut screen = open_screen(&spec, &setup(SIZE), &none).unwrap();
+    let mut screen = open_screen(&spec, &setup(SIZE), None, &none).unwrap();
     let mut view = open_view(&ScreenAddress::Folder(dir.path().into()), SIZE).unwrap();
     screen.show(&lit()).unwrap();
     assert_eq!(*view.read().unwrap(), lit());
-    let second = open_screen(&spec, &setup(SIZE), &none).err().unwrap().to_string();
+    let second = open_screen(&spec, &setup(SIZE), None, &none).err().unwrap().to_string();
     assert!(second.contains("another program"), "{second}");
     assert!(screen.show(&ScreenImage::dark(2, 2)).is_err());
     drop(screen);
@@ -39,7 +39,8 @@ fn a_command_shows_each_frame_and_another_takes_an_image() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name).display().to_string();
     let show = format!("cp \"$RETINA_FRAME\" '{}'", at("shown.png"));
-    let mut screen = open_screen(&ScreenSpec::Command(show), &setup(SIZE), &BenchScreen::new(SIZE)).unwrap();
+    let mut screen =
+        open_screen(&ScreenSpec::Command(show), &setup(SIZE), None, &BenchScreen::new(SIZE)).unwrap();
     screen.show(&lit()).unwrap();
     let shown = retina_campaign::read_screen(&dir.path().join("shown.png")).unwrap();
     assert_eq!(shown, lit());

@@ -66,7 +66,7 @@ fn a_frame_is_on_the_glass_to_the_pixel_and_black_stays_behind() {
     let Some(server) = server("1920x1200x24") else { return };
     let spec: ScreenSpec = format!("x11:{}", server.display).parse().unwrap();
     let none = BenchScreen::new([1920, 1200]);
-    let mut screen = open_screen(&spec, &setup([1920, 1200]), &none).unwrap();
+    let mut screen = open_screen(&spec, &setup([1920, 1200]), None, &none).unwrap();
     let address: ScreenAddress = format!("x11:{}", server.display).parse().unwrap();
     let mut view = open_view(&address, [1920, 1200]).unwrap();
     for seed in 0..3 {
@@ -75,7 +75,7 @@ fn a_frame_is_on_the_glass_to_the_pixel_and_black_stays_behind() {
         assert!(frame_buffer(server.folder.path(), 1920 * 1200) == image.counts, "other pixels are shown");
         assert!(view.read().unwrap().counts == image.counts, "other pixels are read");
     }
-    let second = open_screen(&spec, &setup([1920, 1200]), &none).err().unwrap().to_string();
+    let second = open_screen(&spec, &setup([1920, 1200]), None, &none).err().unwrap().to_string();
     assert!(second.contains("another program"), "{second}");
     drop(screen);
     let left: Vec<_> = frame_buffer(server.folder.path(), 1920 * 1200)
@@ -83,7 +83,7 @@ fn a_frame_is_on_the_glass_to_the_pixel_and_black_stays_behind() {
         .filter(|pixel| *pixel != [0; 3])
         .collect();
     assert!(left.is_empty(), "{} pixels are lit: {:?}", left.len(), left[0]);
-    drop(open_screen(&spec, &setup([1920, 1200]), &none).unwrap());
+    drop(open_screen(&spec, &setup([1920, 1200]), None, &none).unwrap());
 }
 
 #[test]
@@ -92,10 +92,10 @@ fn a_display_of_another_size_is_refused_with_its_outputs() {
     let none = BenchScreen::new([1920, 1200]);
     for text in [format!("x11:{}", server.display), format!("x11:{}@screen", server.display)] {
         let error =
-            open_screen(&text.parse().unwrap(), &setup([1920, 1200]), &none).err().unwrap().to_string();
+            open_screen(&text.parse().unwrap(), &setup([1920, 1200]), None, &none).err().unwrap().to_string();
         assert!(error.contains("640 x 480") && error.contains("1920 x 1200"), "{error}");
     }
     let missing = format!("x11:{}@DP-9", server.display).parse().unwrap();
-    let error = open_screen(&missing, &setup([1920, 1200]), &none).err().unwrap().to_string();
+    let error = open_screen(&missing, &setup([1920, 1200]), None, &none).err().unwrap().to_string();
     assert!(error.contains("no output DP-9"), "{error}");
 }

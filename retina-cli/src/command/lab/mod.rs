@@ -12,6 +12,7 @@ mod measure;
 mod monitor;
 mod radiometry;
 mod show;
+mod split;
 
 use std::io::BufRead as _;
 use std::path::{Path, PathBuf};
@@ -19,8 +20,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use retina::lab::{
-    BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, CaptureOptions, LabCamera, LabError, Rig,
-    Screen, ScreenSpec, open_camera, open_screen,
+    BenchCamera, BenchCameraOptions, BenchScreen, CameraSpec, CaptureOptions, LabCamera, LabError, Patch,
+    Rig, Screen, ScreenSpec, open_camera, open_screen,
 };
 use retina_campaign::{Effect, Facility};
 use retina_files::InputError;
@@ -45,6 +46,11 @@ pub(crate) enum Command {
     ///
     /// The screen is dark at the end. Frames are exact: a window reads each one back.
     Show(show::Arguments),
+    /// Splits linear images into screens whose light adds up within one exposure.
+    ///
+    /// Light then has finer steps than the screen's 8 bits. `retina lab capture` shows the screens of a frame one after
+    /// the other while the camera exposes.
+    Split(split::Arguments),
     /// Shows a sequence and photographs it.
     ///
     /// The sequence is a pattern (`retina pattern`), a round of `retina decide`, frames (`retina render`), or a folder
@@ -87,6 +93,7 @@ pub(crate) fn run(command: &Command) -> Result<(), Failure> {
         Command::Devices(arguments) => devices::run(arguments),
         Command::Check(arguments) => check::run(arguments),
         Command::Show(arguments) => show::run(arguments),
+        Command::Split(arguments) => split::run(arguments),
         Command::Capture(arguments) => capture::run(arguments),
         Command::Calibrate(command) => calibrate::run(command),
         Command::Align(arguments) => align::run(arguments),
@@ -157,6 +164,10 @@ struct DeviceArguments {
     /// Wait after a frame is shown, s: what the display takes to follow.
     #[arg(long, default_value_t = 0.05)]
     settle_s: f64,
+    /// Square of the screen for a photodiode, px, where the camera does not look: white and black in turn with each
+    /// frame. It is dark where the whole screen is.
+    #[arg(long, value_name = "COLUMN,ROW,SIDE")]
+    patch: Option<String>,
 }
 
 /// What a command works with.
@@ -228,7 +239,8 @@ impl DeviceArguments {
         };
         // The camera first: no frame is shown that nobody could see.
         let camera = open_camera(&camera, setup.camera.bits, bench)?;
-        let screen = open_screen(&screen, &setup, &shared)?;
+        let patch = self.patch.as_ref().map(|text| text.parse::<Patch>()).transpose()?;
+        let screen = open_screen(&screen, &setup, patch, &shared)?;
         remark_on(screen.as_ref(), &self.screen);
         let capture = CaptureOptions { exposures_s: self.exposures_s.clone(), repeats: self.repeats.into() };
         Ok(Devices { setup, screen, camera, capture, settle_s, gain_db: self.gain_db, stop })

@@ -126,7 +126,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     std::fs::create_dir_all(&arguments.out)
         .map_err(|error| InputError::new(&arguments.out, format!("cannot be written: {error}")))?;
     let size_px = [setup.screen.width_px, setup.screen.height_px];
-    let mut screen = open_screen(&spec, &setup, &BenchScreen::new(size_px))?;
+    let mut screen = open_screen(&spec, &setup, None, &BenchScreen::new(size_px))?;
     for remark in screen.remarks() {
         tell!("warning: screen {}: {remark}", arguments.screen);
     }

@@ -55,7 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let sequence = Sequence::read(&arguments.sequence, &setup)?;
     let stop = interrupted()?;
     let unseen = BenchScreen::new([setup.screen.width_px, setup.screen.height_px]);
-    let mut screen = open_screen(&spec, &setup, &unseen)?;
+    let mut screen = open_screen(&spec, &setup, None, &unseen)?;
     remark_on(screen.as_ref(), &arguments.screen);
     let times = (arguments.times > 0).then_some(arguments.times);
     let of = times.map_or(0, |times| times as usize * sequence.frames.len());
