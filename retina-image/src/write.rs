@@ -39,6 +39,25 @@ impl CameraImage {
         Ok(bytes)
     }
 
+    /// As a grey PNG of 8 bits: the values over the range's end, for programs that read images as such.
+    ///
+    /// # Errors
+    /// The image is not whole.
+    pub fn png_of_8_bits(&self) -> Result<Vec<u8>, png::EncodingError> {
+        let scale = 255.0 / self.full_scale_dn;
+        let samples: Vec<u8> =
+            self.values.iter().map(|value| (value * scale).round().clamp(0.0, 255.0) as u8).collect();
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, self.width_px, self.height_px);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Fast);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&samples)?;
+        writer.finish()?;
+        Ok(bytes)
+    }
+
     /// Writes a FITS image of 32-bit floats (BITPIX -32), first row of the file at the top.
     ///
     /// # Errors

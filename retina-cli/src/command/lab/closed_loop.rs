@@ -11,7 +11,7 @@ use retina_geometry::Setup;
 use retina_scene::{Display, Scene, SceneFrame};
 use serde_json::json;
 
-use super::DeviceArguments;
+use super::{DeviceArguments, loop_basilisk};
 use crate::command::Rendering;
 use crate::command::live::{Listening, Live, addresses, scene_of_poses};
 use crate::failure::Failure;
@@ -20,14 +20,21 @@ use crate::output::{print_json_line, tell};
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// Scene, schema retina.scene/1, for the facility of --setup.
-    scene: PathBuf,
+    pub(super) scene: PathBuf,
     #[command(flatten)]
     devices: DeviceArguments,
     #[command(flatten)]
-    listening: Listening,
+    pub(super) listening: Listening,
     /// Take the poses from the scene's own trajectory, instead of listening for them.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "basilisk")]
     play: bool,
+    /// Answer the image requests of a Basilisk simulation (its vizInterface) with photographs, instead of CORTO's
+    /// protocol.
+    #[arg(long)]
+    pub(super) basilisk: bool,
+    /// TCP port for the simulation.
+    #[arg(long, value_name = "PORT", default_value_t = 5556, requires = "basilisk")]
+    pub(super) basilisk_port: u16,
     /// Rate that is wanted, Hz: a frame that takes longer is late. With --play, frames begin at this rate.
     #[arg(long, value_name = "HZ")]
     rate_hz: Option<f64>,
@@ -39,12 +46,12 @@ pub(crate) struct Arguments {
     scale_m_per_bu: f64,
     /// Radiance scale, displayed over true radiance, if the scene's is automatic.
     #[arg(long, value_name = "SCALE")]
-    radiance_scale: Option<f64>,
+    pub(super) radiance_scale: Option<f64>,
     #[command(flatten)]
-    rendering: Rendering,
+    pub(super) rendering: Rendering,
     /// Print JSON documents, one a line: first the ports, at the end a summary.
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
 }
 
 /// Columns of a frame's truth: the camera and the body beside it.
@@ -96,6 +103,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = devices.with(|setup, rig| {
         if arguments.play {
             play(arguments, setup, rig, &mut closed)
+        } else if arguments.basilisk {
+            loop_basilisk::serve(arguments, setup, rig, &mut closed, &stop)
         } else {
             serve(arguments, setup, rig, &mut closed, &stop)
         }
@@ -168,7 +177,7 @@ fn serve(
     Ok(start)
 }
 
-fn around(
+pub(super) fn around(
     rig: &mut Rig<'_>,
     closed: &mut ClosedLoop,
     png: &[u8],
@@ -179,7 +188,7 @@ fn around(
     closed.photograph(rig, &screen, asked, &truth(frame))
 }
 
-fn told(frame: &LoopFrame) {
+pub(super) fn told(frame: &LoopFrame) {
     let late = if frame.late { ", late" } else { "" };
     tell!(
         "frame {}: rendered {:.3} s, shown {:.3} s, photographed {:.3} s, in all {:.3} s{late}",
@@ -192,7 +201,7 @@ fn told(frame: &LoopFrame) {
 }
 
 /// The scene's images are meant for the facility that shows them.
-fn check_setup(scene: &Scene, arguments: &Arguments, setup: &Setup) -> Result<(), Failure> {
+pub(super) fn check_setup(scene: &Scene, arguments: &Arguments, setup: &Setup) -> Result<(), Failure> {
     let found = match &scene.display {
         Display::Facility(own) if own.name == setup.name => return Ok(()),
         Display::Facility(own) => format!("the facility `{}`", own.name),

@@ -8,6 +8,7 @@ mod check;
 mod closed_loop;
 mod devices;
 mod latency;
+mod loop_basilisk;
 mod measure;
 mod monitor;
 mod radiometry;
