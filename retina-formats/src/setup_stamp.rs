@@ -46,7 +46,10 @@ impl SetupStamp {
     }
 
     /// The stamp in a table's leading comments, where it has one.
-    pub(crate) fn of_text(path: &Path, text: &str) -> Result<Option<Self>, InputError> {
+    ///
+    /// # Errors
+    /// The comment is damaged.
+    pub fn of_text(path: &Path, text: &str) -> Result<Option<Self>, InputError> {
         let comments = text.trim_start_matches('\u{feff}').lines().take_while(|line| line.starts_with('#'));
         for (number, line) in comments.enumerate() {
             let Some(rest) = line.strip_prefix(MARK) else { continue };
@@ -63,7 +66,10 @@ impl SetupStamp {
     }
 
     /// Refuses a table that says it was measured with another setup.
-    pub(crate) fn check(&self, path: &Path, setup: &Setup) -> Result<(), InputError> {
+    ///
+    /// # Errors
+    /// It says so.
+    pub fn check(&self, path: &Path, setup: &Setup) -> Result<(), InputError> {
         let expected = Self::of(setup);
         if *self == expected {
             return Ok(());

@@ -13,7 +13,7 @@ use retina_files::{InputError, Table, hash_bytes, hash_file, write_atomic};
 
 use crate::exposure::find_exposure;
 use crate::sequence::Planned;
-use crate::{LabError, Rig, Sequence, SequenceFrame, SequenceKind};
+use crate::{LabError, Rig, Sequence, SequenceFrame, SequenceKind, ShownPart};
 
 /// Log of a folder of images: a line an image, written when the image is on the disk.
 const LOG: &str = "captures.csv";
@@ -97,6 +97,15 @@ pub fn capture(
     before: &mut Before<'_>,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Captured, LabError> {
+    for (frame, exposure_s) in sequence
+        .frames
+        .iter()
+        .flat_map(|frame| options.exposures_s.iter().map(move |exposure_s| (frame, *exposure_s)))
+    {
+        if !frame.parts.is_empty() {
+            Rig::check_sum(exposure_s, frame.parts.iter().map(|part| part.share))?;
+        }
+    }
     let folder = Folder::open(out, sequence, options, rig.gain_db)?;
     let _one_at_a_time = folder.lock()?;
     let mut lines = folder.lines()?;
@@ -138,8 +147,9 @@ pub fn capture(
                 let unix_s = unix_s();
                 let taken = if sum {
                     let screens = frame.screens()?;
-                    let (taken, shown_s) = rig.take_sum(exposure_s, &screens)?;
-                    folder.append_parts(&image, frame, &shown_s)?;
+                    Rig::check_sum(exposure_s, screens.iter().map(|(_, share)| *share))?;
+                    let (taken, shown) = rig.take_sum(exposure_s, &screens)?;
+                    folder.append_parts(&image, frame, &shown)?;
                     taken
                 } else {
                     rig.take(exposure_s)?
@@ -157,7 +167,9 @@ pub fn capture(
                     temperature_c: taken.temperature_c,
                     lost: taken.lost.into(),
                 };
-                folder.append(&line, repeat, rig, taken.time_s)?;
+                // Of several screens `parts.csv` says it.
+                let patch = if sum { None } else { rig.screen.patch() };
+                folder.append(&line, repeat, rig, taken.time_s, patch)?;
                 lines.insert(image, line);
                 progress(lines.len(), total);
             }
@@ -283,8 +295,15 @@ impl Folder {
         Ok(lines)
     }
 
-    fn append(&self, line: &Line, repeat: usize, rig: &Rig<'_>, camera_time_s: f64) -> Result<(), LabError> {
-        let (gain_db, verified, patch) = (rig.gain_db, rig.screen.verifies(), rig.screen.patch());
+    fn append(
+        &self,
+        line: &Line,
+        repeat: usize,
+        rig: &Rig<'_>,
+        camera_time_s: f64,
+        patch: Option<bool>,
+    ) -> Result<(), LabError> {
+        let (gain_db, verified) = (rig.gain_db, rig.screen.verifies());
         let path = self.out.join(LOG);
         let new = !path.exists();
         let mut file =
@@ -302,18 +321,20 @@ impl Folder {
             cell(line.temperature_c),
             u8::from(verified),
             line.lost,
-            patch.map_or_else(String::new, |white| u8::from(white).to_string())
+            patch_cell(patch)
         );
         file.write_all(text.as_bytes()).and_then(|()| file.sync_data()).map_err(|error| failed(&path, error))
     }
 
     /// How long each screen of a sum was there.
-    fn append_parts(&self, image: &str, frame: &SequenceFrame, shown_s: &[f64]) -> Result<(), LabError> {
+    fn append_parts(&self, image: &str, frame: &SequenceFrame, shown: &[ShownPart]) -> Result<(), LabError> {
         let path = self.out.join(PARTS);
-        let mut text = if path.exists() { String::new() } else { "image,screen,share,shown_s\n".to_owned() };
-        for (part, shown_s) in frame.parts.iter().zip(shown_s) {
+        let mut text =
+            if path.exists() { String::new() } else { "image,screen,share,shown_s,patch\n".to_owned() };
+        for (part, shown) in frame.parts.iter().zip(shown) {
             let screen = part.file.file_name().unwrap_or_default().to_string_lossy();
-            let _ = writeln!(text, "{image},{screen},{},{shown_s:.6}", part.share);
+            let patch = patch_cell(shown.patch);
+            let _ = writeln!(text, "{image},{screen},{},{:.6},{patch}", part.share, shown.shown_s);
         }
         let file = OpenOptions::new().create(true).append(true).open(&path);
         file.and_then(|mut file| file.write_all(text.as_bytes())).map_err(|error| failed(&path, error))
@@ -364,6 +385,10 @@ impl Folder {
         write_atomic(&path, text.as_bytes()).map_err(|error| failed(&path, error))?;
         Ok(path)
     }
+}
+
+fn patch_cell(white: Option<bool>) -> String {
+    white.map_or_else(String::new, |white| u8::from(white).to_string())
 }
 
 fn cell(value: Option<f64>) -> String {

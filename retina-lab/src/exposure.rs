@@ -30,11 +30,6 @@ pub(crate) fn peak(lit: &CameraImage, dark: &CameraImage) -> f64 {
     f64::from(highest[RANK - 1] / lit.full_scale_dn)
 }
 
-fn saturated(image: &CameraImage) -> bool {
-    let limit = SATURATED as f32 * image.full_scale_dn;
-    image.values.iter().filter(|&&value| value >= limit).count() > RANK
-}
-
 /// Whether a frame saturates pixels that the dark screen does not: stuck ones of the display are no light of the frame.
 pub(crate) fn saturates(lit: &CameraImage, dark: &CameraImage) -> bool {
     let limit = SATURATED as f32 * lit.full_scale_dn;
@@ -54,13 +49,14 @@ pub fn find_exposure(rig: &mut Rig<'_>, frame: &ScreenImage, first_s: f64) -> Re
     for _ in 0..MOST_TRIALS {
         rig.show(frame)?;
         let lit = rig.take(exposure_s)?;
-        if saturated(&lit.image) {
+        rig.show(&dark)?;
+        let unlit = rig.take(exposure_s)?;
+        // Hot pixels of a long exposure are no light of the frame.
+        if saturates(&lit.image, &unlit.image) {
             exposure_s /= 4.0;
             seen = 1.0;
             continue;
         }
-        rig.show(&dark)?;
-        let unlit = rig.take(exposure_s)?;
         seen = peak(&lit.image, &unlit.image);
         if NEAR.contains(&seen) {
             return Ok(exposure_s);

@@ -48,7 +48,7 @@ pub use measure::{Condition, measure_round};
 pub use monitor::{Monitor, MonitorOptions, MonitorReading, monitor_figure};
 pub use power::{CommandMeter, PowerLevel, PowerMeter, PowerReadingOptions, read_power};
 pub use present::{PresentOptions, Presented, present};
-pub use rig::Rig;
+pub use rig::{Rig, ShownPart};
 pub use screws::{Screw, Turns};
 pub use sequence::{Planned, Sequence, SequenceFrame, SequenceKind};
 pub use show::{BenchScreen, Patch, Screen, ScreenSpec, open_screen};

@@ -67,12 +67,8 @@ impl Sequence {
     /// The folder holds none of them, or a name that cannot name an image.
     pub fn read(folder: &Path, setup: &Setup) -> Result<Self, InputError> {
         let sequence = Self::found_in(folder, setup)?;
-        match sequence.frames.iter().find(|frame| !is_plain(&frame.name)) {
-            None => Ok(sequence),
-            Some(frame) => Err(InputError::new(folder, "a frame's name cannot name its image")
-                .found(format!("`{}`", frame.name))
-                .expected("letters, digits, `_`, `-`, `.` and spaces, a letter or digit first")),
-        }
+        sequence.frames.iter().try_for_each(|frame| check_name(&frame.name, folder))?;
+        Ok(sequence)
     }
 
     fn found_in(folder: &Path, setup: &Setup) -> Result<Self, InputError> {
@@ -113,7 +109,7 @@ impl Sequence {
             return Ok(Self { kind: SequenceKind::Pattern, frames: frames.collect() });
         }
         if folder.join(SPLIT_FILE).is_file() {
-            let frames = read_split(folder)?.into_iter().map(|(name, light, parts)| SequenceFrame {
+            let frames = read_split(folder, setup)?.into_iter().map(|(name, light, parts)| SequenceFrame {
                 name,
                 file: light,
                 exposure_ratio: 1.0,
@@ -136,6 +132,17 @@ impl Sequence {
         });
         Ok(Self { kind: SequenceKind::Frames, frames: frames.collect() })
     }
+}
+
+/// Refuses a name that cannot name an image; `place` is named.
+pub(crate) fn check_name(name: &str, place: &Path) -> Result<(), InputError> {
+    if is_plain(name) {
+        return Ok(());
+    }
+    Err(InputError::new(place, "a frame's name cannot name its image")
+        .found(format!("`{name}`"))
+        .expected("letters, digits, `_`, `-`, `.` and spaces, a letter or digit first")
+        .help("rename the file"))
 }
 
 /// Whether a name stays in its folder, and in its cell of a table.

@@ -133,7 +133,7 @@ pub fn open_screen(
     }
     screen.show(&ScreenImage::dark(size_px[0], size_px[1]))?;
     if let Some(patch) = patch {
-        screen = Box::new(patch::Patched::new(screen, patch));
+        screen = Box::new(patch::Patched::new(screen, patch, setup.screen.limits.most_count));
     }
     Ok(screen)
 }

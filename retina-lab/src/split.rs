@@ -9,10 +9,13 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use retina_bench::ScreenImage;
-use retina_files::{InputError, MOST_IMAGE_PIXELS, Table, decode_image, read_bytes, write_atomic};
+use retina_files::{InputError, MOST_IMAGE_PIXELS, Table, decode_image, read_bytes, read_text, write_atomic};
+use retina_formats::SetupStamp;
+use retina_geometry::Setup;
 use retina_radiometry::ScreenResponse;
 
 use crate::LabError;
+use crate::sequence::check_name;
 use crate::show::png;
 
 /// The table of a folder of split frames.
@@ -34,7 +37,9 @@ pub struct FramePart {
 /// How well the screens of a frame add up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SplitError {
-    /// Largest error, as a part of the full light.
+    /// Pixels brighter than the screen can be.
+    pub clipped: usize,
+    /// Largest error, as a part of the full light; clipped pixels count.
     pub largest: f32,
     /// Root mean square of the relative errors of pixels brighter than 1e-5 of full light.
     pub relative_rms: f32,
@@ -61,26 +66,31 @@ pub fn check_shares(shares: &[f64]) -> Result<(), InputError> {
         .expected(format!("2 to {MOST_SCREENS} numbers above 0 that fall and add up to 1, such as 0.9,0.1")))
 }
 
-/// The screens of a frame: `light` is row by row, as a part of the full light (count 255 all the time). Light beyond 1 is
-/// 1. `response` is that of the screen.
+/// The screens of a frame: `light` is row by row, as a part of the full light (count 255 all the time). Counts are
+/// `most_count` at most; light beyond it is clipped. `response` is that of the screen.
 pub fn split(
     light: &[f32],
     [width_px, height_px]: [u32; 2],
     response: &ScreenResponse,
+    most_count: u8,
     shares: &[f64],
 ) -> (Vec<ScreenImage>, SplitError) {
     let full = response.brightest_w_m2_nm();
-    let levels: Vec<f64> = (0..=255u8).map(|count| response.irradiance_w_m2_nm([count; 3]) / full).collect();
+    let levels: Vec<f64> =
+        (0..=most_count).map(|count| response.irradiance_w_m2_nm([count; 3]) / full).collect();
+    let last = usize::from(most_count);
     let below = |wanted: f64| levels.partition_point(|level| *level <= wanted).saturating_sub(1);
     let nearest = |wanted: f64| {
         let low = below(wanted);
-        let high = (low + 1).min(255);
+        let high = (low + 1).min(last);
         if wanted - levels[low] <= levels[high] - wanted { low } else { high }
     };
     let mut screens = vec![vec![0u8; light.len()]; shares.len()];
     let (mut largest, mut squares, mut squares_of_one, mut bright) = (0f32, 0f64, 0f64, 0usize);
+    let mut clipped = 0;
     for (at, &wanted) in light.iter().enumerate() {
-        let wanted = f64::from(wanted.clamp(0.0, 1.0));
+        let wanted = f64::from(wanted.max(0.0));
+        clipped += usize::from(wanted > levels[last] * (1.0 + 1e-6));
         let mut left = wanted;
         for (k, share) in shares.iter().enumerate() {
             let count = if k + 1 < shares.len() { below(left / share) } else { nearest(left / share) };
@@ -95,7 +105,8 @@ pub fn split(
         }
     }
     let rms = |squares: f64| if bright > 0 { (squares / bright as f64).sqrt() as f32 } else { 0.0 };
-    let error = SplitError { largest, relative_rms: rms(squares), relative_rms_of_one: rms(squares_of_one) };
+    let error =
+        SplitError { clipped, largest, relative_rms: rms(squares), relative_rms_of_one: rms(squares_of_one) };
     (screens.iter().map(|counts| ScreenImage::grey(width_px, height_px, counts)).collect(), error)
 }
 
@@ -109,21 +120,19 @@ pub fn read_light(path: &Path, size_px: [u32; 2], full: f64) -> Result<Vec<f32>,
     let image::DynamicImage::ImageLuma16(grey) = image else {
         return Err(InputError::new(path, "is no linear image of 16 bits")
             .found(format!("{:?}", image.color()))
-            .expected("grey samples of 16 bits, as `retina export --format png16` writes them"));
+            .expected("grey samples of 16 bits, as `retina export --format png16` writes them")
+            .help("an image of 8 bits can be shown as it is: `retina lab capture`"));
     };
     if [grey.width(), grey.height()] != size_px {
         return Err(InputError::new(path, "has another size than the setup's screen")
             .found(format!("{} x {} px", grey.width(), grey.height()))
-            .expected(format!("{} x {} px", size_px[0], size_px[1])));
+            .expected(format!("{} x {} px", size_px[0], size_px[1]))
+            .help("scale the image, or give the setup that it was made for"));
     }
     Ok(grey.as_raw().iter().map(|value| (f64::from(*value) / full) as f32).collect())
 }
 
-/// Writes frames as screens: `screens/NAME-1.png` and so on, and `split.csv`. `frames` are names, linear images and their
-/// screens.
-///
-/// # Errors
-/// The folder holds something already, or cannot be written.
+/// Writes frames as screens: `screens/NAME-1.png` and so on, and `split.csv`.
 pub struct SplitWriter {
     out: PathBuf,
     shares: Vec<f64>,
@@ -135,28 +144,34 @@ impl SplitWriter {
     ///
     /// # Errors
     /// It is there already, or cannot be made.
-    pub fn new(out: &Path, shares: &[f64]) -> Result<Self, InputError> {
+    pub fn new(out: &Path, setup: &Setup, shares: &[f64]) -> Result<Self, InputError> {
         if out.exists() {
             return Err(InputError::new(out, "is there already").help("give --out another folder"));
         }
         let screens = out.join("screens");
         std::fs::create_dir_all(&screens)
             .map_err(|error| InputError::new(&screens, format!("the folder cannot be made: {error}")))?;
-        Ok(Self { out: out.into(), shares: shares.to_vec(), table: "frame,light,screen,share\n".to_owned() })
+        Ok(Self {
+            out: out.into(),
+            shares: shares.to_vec(),
+            table: SetupStamp::of(setup).line() + "frame,light,screen,share\n",
+        })
     }
 
     /// Adds the screens of a frame whose linear image is `light`.
     ///
     /// # Errors
-    /// A file cannot be written.
+    /// The name cannot name an image, or a file cannot be written.
     pub fn add(&mut self, name: &str, light: &Path, screens: &[ScreenImage]) -> Result<(), LabError> {
+        check_name(name, light)?;
         let light = std::path::absolute(light).unwrap_or_else(|_| light.to_path_buf());
         for (number, (screen, share)) in screens.iter().zip(&self.shares).enumerate() {
             let file = format!("screens/{name}-{}.png", number + 1);
             let path = self.out.join(&file);
             write_atomic(&path, &png(screen)?)
                 .map_err(|error| InputError::new(&path, format!("cannot be written: {error}")))?;
-            let _ = writeln!(self.table, "{name},\"{}\",{file},{share}", light.display());
+            let light = light.display().to_string().replace('"', "\"\"");
+            let _ = writeln!(self.table, "{name},\"{light}\",{file},{share}");
         }
         Ok(())
     }
@@ -176,10 +191,17 @@ impl SplitWriter {
 /// The frames of a folder's `split.csv` in its order: name, linear image, screens.
 ///
 /// # Errors
-/// It does not read, or its shares do not fit.
-pub(crate) fn read_split(folder: &Path) -> Result<Vec<(String, PathBuf, Vec<FramePart>)>, InputError> {
+/// It does not read, is another setup's, or its shares do not fit.
+pub(crate) fn read_split(
+    folder: &Path,
+    setup: &Setup,
+) -> Result<Vec<(String, PathBuf, Vec<FramePart>)>, InputError> {
     let path = folder.join(SPLIT_FILE);
-    let table = Table::read(&path)?;
+    let text = read_text(&path)?;
+    if let Some(stamp) = SetupStamp::of_text(&path, &text)? {
+        stamp.check(&path, setup)?;
+    }
+    let table = Table::parse(&path, &text)?;
     table.require(&["frame", "light", "screen", "share"])?;
     let mut frames: Vec<(String, PathBuf, Vec<FramePart>)> = Vec::new();
     for row in 0..table.len() {
@@ -215,7 +237,7 @@ mod tests {
         let level = |count: u8| (f64::from(count) / 255.0).powf(2.2);
         let mut last = f32::INFINITY;
         for shares in [&[0.9, 0.1][..], &[0.9, 0.09, 0.01]] {
-            let (screens, error) = split(&light, [64, 64], &response, shares);
+            let (screens, error) = split(&light, [64, 64], &response, 255, shares);
             let off = light.iter().enumerate().map(|(at, wanted)| {
                 let sum: f64 = screens
                     .iter()
@@ -235,8 +257,11 @@ mod tests {
         // Near full light a single screen has steps of 0.9 %, and two a hundredth of that.
         assert!(last < 1e-4, "{last}");
         // More than full light is full light.
-        let (screens, _) = split(&[2.0], [1, 1], &response, &[0.5, 0.5]);
+        let (screens, error) = split(&[2.0], [1, 1], &response, 255, &[0.5, 0.5]);
         assert_eq!(screens.iter().map(|screen| screen.counts[0][0]).collect::<Vec<_>>(), [255, 255]);
+        assert_eq!((error.clipped, error.largest), (1, 1.0));
+        let (screens, error) = split(&[0.5], [1, 1], &response, 100, &[0.9, 0.1]);
+        assert!(screens.iter().all(|screen| screen.counts[0][0] == 100) && error.clipped == 1);
         for wrong in [&[1.0][..], &[0.1, 0.9], &[0.5, 0.4], &[1.1, -0.1], &[0.125; 9]] {
             assert!(check_shares(wrong).is_err(), "{wrong:?}");
         }

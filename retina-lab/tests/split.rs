@@ -36,14 +36,14 @@ fn a_difference_below_the_screens_step_is_in_the_photograph() {
             light[row * width + left..row * width + left + SIDE_PX].fill(value);
         }
     }
-    let (screens, error) = split(&light, size_px, &measured_or_power_law(None, &setup), &SHARES);
+    let (screens, error) = split(&light, size_px, &measured_or_power_law(None, &setup), 255, &SHARES);
     assert!(error.relative_rms < 2e-2 && error.relative_rms_of_one > 5e-2, "{error:?}");
     let folder = tempfile::tempdir().unwrap();
     let plain = vec![LIGHT; light.len()].iter().zip(&light).map(|(l, own)| l.min(*own)).collect::<Vec<_>>();
-    let mut writer = SplitWriter::new(&folder.path().join("split"), &SHARES).unwrap();
+    let mut writer = SplitWriter::new(&folder.path().join("split"), &setup, &SHARES).unwrap();
     // The same twice: once with two equal squares, whose ratio is the camera's own.
     for (name, image) in [("equal", &plain), ("brighter", &light)] {
-        let (screens, _) = split(image, size_px, &measured_or_power_law(None, &setup), &SHARES);
+        let (screens, _) = split(image, size_px, &measured_or_power_law(None, &setup), 255, &SHARES);
         writer.add(name, Path::new("light.png"), &screens).unwrap();
     }
     writer.finish().unwrap();

@@ -97,13 +97,15 @@ impl Patch {
 pub(super) struct Patched {
     screen: Box<dyn Screen>,
     patch: Patch,
+    /// Its count where it is white: the display's limits hold for it.
+    white: u8,
     /// The patch is white in the last frame.
     lit: bool,
 }
 
 impl Patched {
-    pub(super) fn new(screen: Box<dyn Screen>, patch: Patch) -> Self {
-        Self { screen, patch, lit: false }
+    pub(super) fn new(screen: Box<dyn Screen>, patch: Patch, white: u8) -> Self {
+        Self { screen, patch, white, lit: false }
     }
 }
 
@@ -119,7 +121,7 @@ impl Screen for Patched {
         let [left, top] = self.patch.corner_px;
         for row in top..(top + self.patch.side_px).min(image.height_px) {
             for column in left..(left + self.patch.side_px).min(image.width_px) {
-                painted.set(column, row, [if self.lit { 255 } else { 0 }; 3]);
+                painted.set(column, row, [if self.lit { self.white } else { 0 }; 3]);
             }
         }
         self.screen.show(&painted)
@@ -156,7 +158,7 @@ mod tests {
     #[test]
     fn the_patch_changes_with_each_frame_and_is_dark_with_the_screen() {
         let shown = BenchScreen::new([8, 4]);
-        let mut screen = Patched::new(Box::new(shown.clone()), "5,1,2".parse().unwrap());
+        let mut screen = Patched::new(Box::new(shown.clone()), "5,1,2".parse().unwrap(), 255);
         let frame = ScreenImage::grey(8, 4, &[9; 32]);
         let at = |column: usize, row: usize| shown.clone().read().unwrap().counts[row * 8 + column][0];
         for (image, patch) in

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use retina::lab::{ClosedLoop, Rig};
 use retina_basilisk::{Server, View};
+use retina_files::InputError;
 use retina_geometry::Setup;
 use retina_scene::Scene;
 use serde_json::json;
@@ -31,6 +32,11 @@ pub(super) fn serve(
         .map_err(|error| Failure::new(format!("cannot listen on TCP {listen}:{port}: {error}")))?;
     let mut scene = Scene::read(&arguments.scene)?;
     check_setup(&scene, arguments, setup)?;
+    if scene.bodies.is_empty() {
+        return Err(InputError::new(&arguments.scene, "has no body for the simulation to show")
+            .expected("[[body]] tables whose names are the simulation's")
+            .into());
+    }
     scene.allow_empty_frames = true;
     scene.bodies.iter_mut().for_each(|body| body.may_be_behind = true);
     // The simulation's places are not barycentric.

@@ -22,7 +22,8 @@ pub(crate) struct Arguments {
     /// Facility, schema retina.setup/1.
     #[arg(long)]
     setup: PathBuf,
-    /// Calibration of the facility, beside which the screen's measured response stands [default: the setup's power law].
+    /// Calibration of the facility, beside which the screen's measured response stands [default: the setup's own, else its
+    /// power law].
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
     /// Share of the time that each screen is shown, falling, together 1.
@@ -49,7 +50,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let setup = read_setup(&arguments.setup)?;
     let measured = match &arguments.calibration {
-        None => None,
+        None => match setup.calibration_path() {
+            Some(own) => MeasuredResponse::read(&own, &setup)?.map(|measured| measured.curve),
+            None => None,
+        },
         Some(path) => {
             let found = MeasuredResponse::read(path, &setup)?.map(|measured| measured.curve);
             Some(found.ok_or_else(|| {
@@ -60,20 +64,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let response = measured.unwrap_or_else(|| measured_or_power_law(None, &setup));
     let size_px = [setup.screen.width_px, setup.screen.height_px];
-    let images = screens_of(&arguments.images)?;
+    let most_count = setup.screen.limits.most_count;
+    let images = screens_of(&arguments.images)
+        .map_err(|error| error.expected("linear images: PNG files of 16 bits, grey"))?;
     // All are read before anything is written.
     for image in &images {
         read_light(image, size_px, arguments.full)?;
     }
-    let mut writer = SplitWriter::new(&arguments.out, &arguments.shares)?;
+    let mut writer = SplitWriter::new(&arguments.out, &setup, &arguments.shares)?;
     let bar = counter(images.len() as u64, "frames");
-    let mut worst = SplitError { largest: 0.0, relative_rms: 0.0, relative_rms_of_one: 0.0 };
+    let mut worst = SplitError { clipped: 0, largest: 0.0, relative_rms: 0.0, relative_rms_of_one: 0.0 };
     for (done, image) in images.iter().enumerate() {
         let light = read_light(image, size_px, arguments.full)?;
-        let (screens, error) = split(&light, size_px, &response, &arguments.shares);
+        let (screens, error) = split(&light, size_px, &response, most_count, &arguments.shares);
         let name = image.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         writer.add(&name, image, &screens)?;
         worst = SplitError {
+            clipped: worst.clipped + error.clipped,
             largest: worst.largest.max(error.largest),
             relative_rms: worst.relative_rms.max(error.relative_rms),
             relative_rms_of_one: worst.relative_rms_of_one.max(error.relative_rms_of_one),
@@ -92,12 +99,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         worst.relative_rms,
         worst.relative_rms_of_one
     );
+    if worst.clipped > 0 {
+        tell!(
+            "warning: {} pixels are brighter than count {most_count} all the time, and are shown fainter: give a larger --full",
+            worst.clipped
+        );
+    }
     if arguments.json {
         print_json(&json!({
             "schema": "retina.lab-split/1",
             "table": table,
             "frames": images.len(),
             "shares": arguments.shares,
+            "clipped_px": worst.clipped,
             "largest_error": worst.largest,
             "relative_rms": worst.relative_rms,
             "relative_rms_of_one": worst.relative_rms_of_one,
