@@ -104,7 +104,7 @@ impl Rig<'_> {
     /// taken again.
     ///
     /// # Errors
-    /// As [`Rig::take`]; the screens did not follow in [`MOST_SUMS`] trials.
+    /// As [`Rig::take`]; the screens did not follow in four trials.
     pub fn take_sum(
         &mut self,
         light_s: f64,
