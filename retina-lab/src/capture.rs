@@ -106,7 +106,7 @@ pub fn capture(
             Rig::check_sum(exposure_s, frame.parts.iter().map(|part| part.share))?;
         }
     }
-    let folder = Folder::open(out, sequence, options, rig.gain_db)?;
+    let folder = Folder::open(out, sequence, options, rig)?;
     let _one_at_a_time = folder.lock()?;
     let mut lines = folder.lines()?;
     let exposures_s = match (options.exposures_s.as_slice(), lines.values().next()) {
@@ -221,10 +221,11 @@ impl Folder {
         out: &Path,
         sequence: &Sequence,
         options: &CaptureOptions,
-        gain_db: f64,
+        rig: &Rig<'_>,
     ) -> Result<Self, LabError> {
         let images = out.join("images");
-        let mut text = format!("{options:?} {gain_db}\n");
+        let mut text = format!("{options:?} {} {} ", rig.gain_db, rig.camera.name());
+        let _ = writeln!(text, "{}", rig.screen.patch().is_some());
         for frame in &sequence.frames {
             for file in frame.files() {
                 let _ = writeln!(text, "{} {:?} {}", frame.name, frame.exposure_s, hash_file(file)?);
@@ -237,7 +238,7 @@ impl Folder {
             if out.join(LOG).exists() && retina_files::read_text(&mark)? != own {
                 return Err(InputError::new(
                     out,
-                    "holds images of another sequence, or taken with other options",
+                    "holds images of another sequence, or taken by another camera or with other options",
                 )
                 .help("give --out another folder")
                 .into());
