@@ -199,6 +199,11 @@ fn linear_images_are_split_into_screens_that_add_up() {
     }
     common::assert_refused(&run(&[]), &["is there already"]);
     std::fs::remove_dir_all(fixture.path("split")).unwrap();
+    // All are looked at before anything is written.
+    linear("linear/x,y.png", 160);
+    common::assert_refused(&run(&[]), &["x,y.png", "cannot name its image"]);
+    assert!(!fixture.path("split").exists());
+    std::fs::remove_file(fixture.path("linear/x,y.png")).unwrap();
     linear("linear/narrow.png", 80);
     common::assert_refused(&run(&[]), &["narrow.png", "another size", "160 x 100 px"]);
     assert!(!fixture.path("split").exists());

@@ -97,15 +97,6 @@ pub fn capture(
     before: &mut Before<'_>,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Captured, LabError> {
-    for (frame, exposure_s) in sequence
-        .frames
-        .iter()
-        .flat_map(|frame| options.exposures_s.iter().map(move |exposure_s| (frame, *exposure_s)))
-    {
-        if !frame.parts.is_empty() {
-            Rig::check_sum(exposure_s, frame.parts.iter().map(|part| part.share))?;
-        }
-    }
     let folder = Folder::open(out, sequence, options, rig)?;
     let _one_at_a_time = folder.lock()?;
     let mut lines = folder.lines()?;
@@ -118,6 +109,12 @@ pub fn capture(
         }
         (given, _) => given.to_vec(),
     };
+    // Before the first image: an exposure that is too short for a frame's screens.
+    for frame in sequence.frames.iter().filter(|frame| !frame.parts.is_empty()) {
+        for exposure_s in &exposures_s {
+            Rig::check_sum(*exposure_s, frame.parts.iter().map(|part| part.share))?;
+        }
+    }
     let total = sequence.frames.len() * exposures_s.len() * options.repeats;
     let skipped = lines.len();
     progress(skipped, total);
@@ -147,7 +144,6 @@ pub fn capture(
                 let unix_s = unix_s();
                 let taken = if sum {
                     let screens = frame.screens()?;
-                    Rig::check_sum(exposure_s, screens.iter().map(|(_, share)| *share))?;
                     let (taken, shown) = rig.take_sum(exposure_s, &screens)?;
                     folder.append_parts(&image, frame, &shown)?;
                     taken

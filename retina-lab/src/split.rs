@@ -110,11 +110,13 @@ pub fn split(
     (screens.iter().map(|counts| ScreenImage::grey(width_px, height_px, counts)).collect(), error)
 }
 
-/// A linear image of 16 bits, grey: light as a part of `full` (65535 is the largest number).
+/// A linear image of 16 bits, grey: its name as a frame, and its light as a part of `full` (65535 is the largest number).
 ///
 /// # Errors
-/// It does not read, has 8 bits, colours, or another size than the screen.
-pub fn read_light(path: &Path, size_px: [u32; 2], full: f64) -> Result<Vec<f32>, InputError> {
+/// Its name cannot name a frame's images; it does not read, has 8 bits, colours, or another size than the screen.
+pub fn read_light(path: &Path, size_px: [u32; 2], full: f64) -> Result<(String, Vec<f32>), InputError> {
+    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    check_name(&name, path)?;
     let formats = [image::ImageFormat::Png, image::ImageFormat::Tiff];
     let image = decode_image(path, "image", &read_bytes(path)?, &formats, MOST_IMAGE_PIXELS)?;
     let image::DynamicImage::ImageLuma16(grey) = image else {
@@ -129,7 +131,7 @@ pub fn read_light(path: &Path, size_px: [u32; 2], full: f64) -> Result<Vec<f32>,
             .expected(format!("{} x {} px", size_px[0], size_px[1]))
             .help("scale the image, or give the setup that it was made for"));
     }
-    Ok(grey.as_raw().iter().map(|value| (f64::from(*value) / full) as f32).collect())
+    Ok((name, grey.as_raw().iter().map(|value| (f64::from(*value) / full) as f32).collect()))
 }
 
 /// Writes frames as screens: `screens/NAME-1.png` and so on, and `split.csv`.
@@ -158,12 +160,11 @@ impl SplitWriter {
         })
     }
 
-    /// Adds the screens of a frame whose linear image is `light`.
+    /// Adds the screens of a frame whose linear image is `light`; the name is that of [`read_light`].
     ///
     /// # Errors
-    /// The name cannot name an image, or a file cannot be written.
+    /// A file cannot be written.
     pub fn add(&mut self, name: &str, light: &Path, screens: &[ScreenImage]) -> Result<(), LabError> {
-        check_name(name, light)?;
         let light = std::path::absolute(light).unwrap_or_else(|_| light.to_path_buf());
         for (number, (screen, share)) in screens.iter().zip(&self.shares).enumerate() {
             let file = format!("screens/{name}-{}.png", number + 1);

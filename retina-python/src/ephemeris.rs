@@ -49,26 +49,19 @@ impl PyEphemeris {
         body: &str,
         tdb_s: PyReadonlyArray1<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let ephemeris = self.ephemeris.clone();
+        let (ephemeris, body) = (self.ephemeris.clone(), body.to_owned());
         let times: Vec<f64> = tdb_s.as_array().to_vec();
-        let found = if body == "sun" {
-            work::run(py, None, move |_| {
-                let at = |&tdb_s: &f64| Ok(ephemeris.solar_system(tdb_s)?.sun.position_m);
-                Ok(times.iter().map(at).collect::<Result<Vec<DVec3>, EphemerisError>>()?)
-            })?
-        } else if Planet::from_name(body).is_none() && !ephemeris.kernel_files().is_empty() {
-            let body = body.to_owned();
-            work::run(py, None, move |_| {
-                let at = |&tdb_s: &f64| Ok(ephemeris.state(&body, tdb_s)?.position_m);
-                Ok(times.iter().map(at).collect::<Result<Vec<DVec3>, EphemerisError>>()?)
-            })?
-        } else {
-            let planet = planet(body)?;
-            work::run(py, None, move |_| {
-                let at = |&tdb_s: &f64| ephemeris.position_m(planet, tdb_s);
-                Ok(times.iter().map(at).collect::<Result<Vec<DVec3>, EphemerisError>>()?)
-            })?
-        };
+        if body != "sun" && ephemeris.kernel_files().is_empty() {
+            planet(&body)?;
+        }
+        let found = work::run(py, None, move |_| {
+            let at = |&tdb_s: &f64| match Planet::from_name(&body) {
+                Some(planet) => ephemeris.position_m(planet, tdb_s),
+                None if body == "sun" => Ok(ephemeris.solar_system(tdb_s)?.sun.position_m),
+                None => Ok(ephemeris.state(&body, tdb_s)?.position_m),
+            };
+            Ok(times.iter().map(at).collect::<Result<Vec<DVec3>, EphemerisError>>()?)
+        })?;
         rows(py, found.iter().map(|place| place.to_array().to_vec()).collect(), 3)
     }
 

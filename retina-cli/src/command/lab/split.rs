@@ -75,9 +75,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bar = counter(images.len() as u64, "frames");
     let mut worst = SplitError { clipped: 0, largest: 0.0, relative_rms: 0.0, relative_rms_of_one: 0.0 };
     for (done, image) in images.iter().enumerate() {
-        let light = read_light(image, size_px, arguments.full)?;
+        let (name, light) = read_light(image, size_px, arguments.full)?;
         let (screens, error) = split(&light, size_px, &response, most_count, &arguments.shares);
-        let name = image.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         writer.add(&name, image, &screens)?;
         worst = SplitError {
             clipped: worst.clipped + error.clipped,
