@@ -8,7 +8,7 @@ use super::coverage::{Measure, Part, Square};
 use super::frame::Prepared;
 use super::places::pixel_turn;
 use super::rays::{Blocked, LANES, Packet};
-use super::reads::Reads;
+use super::reads::{Edge, Find, Reads};
 use super::shade::{Facet, Fragment, FragmentMap, Light};
 use super::visibility::{Samples, Setup};
 use crate::PLANE_NAMES;
@@ -70,6 +70,9 @@ const LEAST_AREA: f32 = 1e-5;
 /// Areas that make up a pixel add to 1 within this: triangles in front of each other, or sky, rarely come closer.
 const AREA_SLACK: f32 = 1e-3;
 
+/// Cosine of the emission angle below which a pixel's triangles differ much in how texture coordinates grow within it.
+const STEEP_MU: f32 = 0.5;
+
 /// No fragment, no facet.
 const NONE: u32 = u32::MAX;
 
@@ -92,6 +95,10 @@ pub(crate) struct PixelWork {
     /// Of each sample of the pixel: I/F without the texture, and the part of the Sun that is hidden.
     light: Vec<[f32; 2]>,
     maps: Vec<FragmentMap>,
+    /// Of each fragment: its triangle's edge functions within the pixel.
+    edges: Vec<[Edge; 3]>,
+    /// Of each read: the fragment that it sees; empty where it sees what the nearest sample sees.
+    of_read: Vec<u32>,
     /// Of each fragment: the share of the reads that it has, and the sum of their light over all reads.
     lit: Vec<[f32; 2]>,
 }
@@ -111,6 +118,40 @@ fn stopped(frame: &Prepared<'_>, body: usize, packet: &Packet, group: u32, relie
         stopped |= blocked(*caster, &packet.moved(turn, *shift), open);
     }
     stopped
+}
+
+/// Sums over a pixel's reads, which see fragments under light (I/F without the texture): albedo, I/F, radiance.
+#[inline(always)]
+fn sums(
+    view: &View<'_>,
+    fragments: &[Fragment],
+    maps: &[FragmentMap],
+    lit: &mut [[f32; 2]],
+    seen: impl Iterator<Item = (u32, f32)>,
+) -> [f32; 3] {
+    let texels = &view.frame.arrays.texels;
+    let share = 1.0 / view.reads.count() as f32;
+    let [mut mean_albedo, mut factor, mut radiance] = [0.0; 3];
+    for (place, (index, light)) in view.reads.places().zip(seen) {
+        let index = index as usize;
+        let Some(map) = maps.get(index) else { continue };
+        let light = share * light;
+        let albedo = match &map.grid {
+            Some(grid) => grid.albedo(texels, place),
+            None => {
+                let step = view.square.step(place);
+                let at = [0, 1].map(|k| view.square.middle[k] + step[k]);
+                fragments[index].albedo(view.frame, at)
+            }
+        };
+        lit[index][0] += share;
+        lit[index][1] += light;
+        mean_albedo += share * albedo;
+        let textured = light * albedo;
+        factor += textured;
+        radiance += textured * map.irradiance;
+    }
+    [mean_albedo, factor, radiance]
 }
 
 /// Where a pixel's samples lie, and what they belong to.
@@ -274,6 +315,10 @@ impl PixelWork {
             });
             self.light.push(lit);
         }
+        self.of_read.clear();
+        if measured && !again && self.fragments.iter().any(|fragment| fragment.mu < STEEP_MU) {
+            self.look(view);
+        }
         let planes = self.mean(view);
         let values = self.fragments.iter().map(|fragment| fragment.value);
         let (least, most) = values.fold((f32::INFINITY, 0.0f32), |(a, b), v| (a.min(v), b.max(v)));
@@ -395,7 +440,20 @@ impl PixelWork {
             }
         }
         self.trace(view);
+        self.of_read.clear();
         self.mean(view)
+    }
+
+    /// Finds the triangle that each read falls into. Towards the limb texture coordinates of neighbouring triangles grow
+    /// so differently that the nearest sample's would not do.
+    fn look(&mut self, view: &View<'_>) {
+        let nearest = view.reads.nearest.iter();
+        self.of_read.extend(nearest.map(|&sample| self.of_sample[sample as usize]));
+        self.edges.clear();
+        let setups = self.fragments.iter().map(|fragment| &view.setups[fragment.number as usize]);
+        self.edges.extend(setups.map(|setup| setup.edges.map(|edge| edge.within(&view.square))));
+        let found = &mut self.of_read;
+        view.frame.level.run(Find { reads: view.reads, triangles: &self.edges, found });
     }
 
     /// Radiance, I/F and coverage are means over the pixel, the other planes means over the part of it that a body
@@ -420,28 +478,16 @@ impl PixelWork {
         self.maps.extend(maps);
         self.lit.clear();
         self.lit.resize(self.fragments.len(), [0.0; 2]);
-        let texels = &view.frame.arrays.texels;
-        let share = 1.0 / view.reads.places.len() as f32;
-        let (mut mean_albedo, mut factor, mut radiance) = (0.0, 0.0, 0.0);
-        for &(place, sample) in &view.reads.places {
-            let index = self.of_sample[sample as usize] as usize;
-            let Some(map) = self.maps.get(index) else { continue };
-            let light = share * self.light[sample as usize][0];
-            let albedo = match &map.grid {
-                Some(grid) => grid.albedo(texels, place),
-                None => {
-                    let step = view.square.step(place);
-                    let at = [0, 1].map(|k| view.square.middle[k] + step[k]);
-                    self.fragments[index].albedo(view.frame, at)
-                }
-            };
-            self.lit[index][0] += share;
-            self.lit[index][1] += light;
-            mean_albedo += share * albedo;
-            let textured = light * albedo;
-            factor += textured;
-            radiance += textured * map.irradiance;
-        }
+        // A read's fragment, and its light: I/F without the texture.
+        let [mean_albedo, mut factor, mut radiance] = if self.of_read.is_empty() {
+            let (seen, light) = (&self.of_sample, &self.light);
+            let nearest = view.reads.nearest.iter().map(|&sample| sample as usize);
+            sums(view, &self.fragments, &self.maps, &mut self.lit, nearest.map(|at| (seen[at], light[at][0])))
+        } else {
+            let (fragments, found) = (&self.fragments, self.of_read.iter());
+            let own = found.map(|&index| (index, fragments[index as usize].value));
+            sums(view, fragments, &self.maps, &mut self.lit, own)
+        };
         // What the reads get wrong about areas. They are spread evenly, so only this part takes the mean albedo. A
         // fragment without reads is as much in the shade as the others are.
         let shared = self.fragments.iter().zip(&self.lit);

@@ -5,7 +5,9 @@ use glam::{DVec2, DVec3};
 
 use retina_simd::Kernel;
 
+use super::coverage::Square;
 use super::frame::Prepared;
+use super::reads::Edge;
 
 /// A linear function of the line of sight: value at the tile's reference, growth along x and along y.
 #[derive(Clone, Copy, Default)]
@@ -20,6 +22,13 @@ impl Linear {
     #[inline(always)]
     pub(crate) fn at(&self, x: f32, y: f32) -> f32 {
         self.0[0] + self.0[1] * x + self.0[2] * y
+    }
+
+    /// The same function within a pixel.
+    pub(crate) fn within(&self, square: &Square) -> Edge {
+        let [middle_x, middle_y] = square.middle;
+        let along = square.steps.map(|[x, y]| self.0[1] * x + self.0[2] * y);
+        [self.at(middle_x, middle_y), along[0], along[1]]
     }
 }
 

@@ -1,10 +1,6 @@
 //! The same runs on a graphics adapter, where there is one.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
-use common::{Fixture, assert_done, contents, counts, json};
+use crate::common::{self, Fixture, assert_done, contents, counts, json};
 use retina_render::GpuDevice;
 
 /// Whether there is an adapter; says so where there is none.

@@ -1,12 +1,8 @@
 //! `retina import`, lens baselines, and `retina fit --camera-model`.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::path::{Path, PathBuf};
 
-use common::{assert_done, assert_refused, retina};
+use crate::common::{assert_done, assert_refused, retina};
 use serde_json::Value;
 
 fn fixture(name: &str) -> PathBuf {

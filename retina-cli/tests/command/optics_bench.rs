@@ -1,10 +1,6 @@
 //! `retina optics constraints`, `design` and `search`: the machine interface, setups that are read back, refusals.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
-use common::{assert_done, assert_refused, json, retina};
+use crate::common::{assert_done, assert_refused, json, retina};
 use retina_geometry::Setup;
 
 fn optics(arguments: &[&str]) -> std::process::Output {

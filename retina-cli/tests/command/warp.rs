@@ -1,12 +1,8 @@
 //! `retina warp`, and compensation in the pipeline, against direct evaluation.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fs;
 
-use common::{Fixture, assert_done, assert_refused, counts, retina};
+use crate::common::{self, Fixture, assert_done, assert_refused, counts, retina};
 use image::{ImageBuffer, Luma, Rgb};
 use retina_render::GpuDevice;
 

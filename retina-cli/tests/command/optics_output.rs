@@ -1,13 +1,9 @@
 //! `retina optics`: drawings, written designs, warnings, and output that cannot be written.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fs::{File, OpenOptions};
 use std::process::{Output, Stdio};
 
-use common::{assert_done, json, retina, stderr};
+use crate::common::{assert_done, json, retina, stderr};
 
 const WIDE: &str = "reference-1.3fc-wide";
 

@@ -1,14 +1,10 @@
 //! The schemas that ship: files fit them, and readers take the keys that they name and no others.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::{assert_done, assert_fits_its_schema, assert_refused, json};
+use crate::common::{self, assert_done, assert_fits_its_schema, assert_refused, json};
 use retina_assets::SCHEMAS;
 use serde_json::{Map, Value, json as value};
 

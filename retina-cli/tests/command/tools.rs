@@ -1,13 +1,9 @@
 //! The commands about files and the machine: new, check, doctor, completions, man; errors for programs.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-use common::{Fixture, assert_done, assert_refused, json, retina, stderr};
+use crate::common::{self, Fixture, assert_done, assert_refused, json, retina, stderr};
 
 fn in_folder(folder: &Path, arguments: &[&str]) -> Output {
     retina().current_dir(folder).args(arguments).output().unwrap()

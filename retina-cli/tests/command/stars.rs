@@ -1,12 +1,10 @@
 //! Stars and planets on the screen: where, how bright, hidden by bodies, and what is refused.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fs;
 
-use common::{AU_M, DISTANCE_M, FOCAL_PX, Fixture, HEADER, RADIUS_M, assert_done, assert_refused, counts};
+use crate::common::{
+    self, AU_M, DISTANCE_M, FOCAL_PX, Fixture, HEADER, RADIUS_M, assert_done, assert_refused, counts,
+};
 use serde_json::Value;
 
 const CATALOGUE: &str = "id,ra_deg,dec_deg,pm_ra_mas_yr,pm_dec_mas_yr,parallax_mas,v_mag,b_v\n";

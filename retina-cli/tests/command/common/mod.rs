@@ -1,6 +1,4 @@
 //! A small scene in a folder of its own, and the command run on it.
-#![allow(dead_code, unreachable_pub, reason = "each test binary uses its own part")]
-#![allow(clippy::unwrap_used, reason = "a helper that fails fails its test")]
 
 use std::collections::BTreeMap;
 use std::fs;

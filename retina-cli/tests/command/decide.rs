@@ -1,13 +1,9 @@
 //! `retina decide`, from a table that cannot decide to the one model that is left.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-use common::{assert_done, assert_refused, retina};
+use crate::common::{assert_done, assert_refused, retina};
 
 fn setup() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/setups/wide-fov.toml")

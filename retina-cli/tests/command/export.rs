@@ -1,13 +1,9 @@
 //! `retina export`: what each format holds, and what cannot be exported.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fs;
 use std::process::Output;
 
-use common::{Fixture, assert_done, assert_refused, contents, json, retina, stderr};
+use crate::common::{Fixture, assert_done, assert_refused, contents, json, retina, stderr};
 use serde_json::Value;
 
 fn export(fixture: &Fixture, from: &str, format: &str, out: &str) -> Output {

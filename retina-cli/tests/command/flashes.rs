@@ -1,12 +1,8 @@
 //! Flashes on a body: where, how bright, for how long, hidden, what is refused, and whether the detector finds them.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fs;
 
-use common::{
+use crate::common::{
     DISTANCE_M, FOCAL_PX, Fixture, RADIUS_M, assert_done, assert_refused, contents, counts, json, retina,
     stderr,
 };

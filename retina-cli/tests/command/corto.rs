@@ -1,17 +1,13 @@
 //! `retina render --corto` and `retina serve` on the example scenario, against an independent
 //! projection and shading of its own files.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::net::{TcpStream, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use common::{Fixture, assert_done, json, retina, stderr};
+use crate::common::{self, Fixture, assert_done, json, retina, stderr};
 use exr::prelude::*;
 use serde_json::Value;
 

@@ -1,13 +1,9 @@
 //! Runs: resumed, sharded, selected; the automatic radiance scale; what is written.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fs;
 use std::io::Write as _;
 
-use common::{Fixture, assert_done, contents, counts, json, stderr};
+use crate::common::{self, Fixture, assert_done, contents, counts, json, stderr};
 
 #[test]
 fn a_killed_run_is_finished_with_the_same_bytes() {

@@ -1,7 +1,5 @@
 //! `retina navigate` as a program.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
 use std::path::Path;
 use std::process::{Command, Output};
 

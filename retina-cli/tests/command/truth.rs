@@ -1,13 +1,9 @@
 //! Ground truth, radiance and screen counts of a frame against closed forms.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::{AU_M, DISTANCE_M, FOCAL_PX, Fixture, HEADER, RADIUS_M, assert_done, counts};
+use crate::common::{self, AU_M, DISTANCE_M, FOCAL_PX, Fixture, HEADER, RADIUS_M, assert_done, counts};
 use exr::prelude::*;
 use serde_json::Value;
 

@@ -1,12 +1,8 @@
 //! Input that does not fit: exit code 2, a message that names file and place, nothing written.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fs;
 
-use common::{Fixture, HEADER, assert_refused, retina};
+use crate::common::{self, Fixture, HEADER, assert_refused, retina};
 
 /// The scene with one thing spoilt is refused with these words, and the folder is not made.
 fn refused(spoil: impl FnOnce(&Fixture), words: &[&str]) {

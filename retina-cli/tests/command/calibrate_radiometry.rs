@@ -1,14 +1,12 @@
 //! Power readings to a calibration, and a scene shown with it.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::process::Output;
 
-use common::{AU_M, FOCAL_PX, Fixture, HEADER, assert_done, assert_refused, counts, json, retina};
+use crate::common::{
+    self, AU_M, FOCAL_PX, Fixture, HEADER, assert_done, assert_refused, counts, json, retina,
+};
 use serde_json::Value;
 
 const GAMMA: f64 = 1.8;

@@ -1,14 +1,10 @@
 //! `retina pattern` and `retina calibrate geometry`.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use common::{SETUP, assert_done, assert_refused, retina};
+use crate::common::{SETUP, assert_done, assert_refused, retina};
 
 /// A table of the small screen (K_f 900 px, camera 1000 px a unit): r = r_u (1 + 2 r^2), exact.
 fn table(path: &Path, swapped: bool) {

@@ -1,16 +1,12 @@
 //! `retina navigate full-disk` as a program, over folders as `retina render` writes them.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-#[allow(dead_code, reason = "other tests look at the motions")]
-#[path = "../../retina-sky/tests/common/spk.rs"]
-mod spk;
-
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
 use serde_json::{Value, json};
+
+use crate::spk;
 
 const SIZE: [u32; 2] = [320, 240];
 const FOCAL_PX: f64 = 3000.0;

@@ -1,14 +1,10 @@
 //! Plans of shards: what their scripts do, how far they are, and what joining them refuses.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use common::{Fixture, assert_done, assert_refused, contents, json, retina, stderr};
+use crate::common::{Fixture, assert_done, assert_refused, contents, json, retina, stderr};
 
 fn plan(fixture: &Fixture, source: &str, out: &str, more: &[&str]) -> Output {
     retina()

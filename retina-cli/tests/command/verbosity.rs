@@ -1,10 +1,6 @@
 //! `--quiet` and `--verbose`, for any command.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
-use common::{Fixture, assert_done, assert_refused, stderr};
+use crate::common::{self, Fixture, assert_done, assert_refused, stderr};
 
 #[test]
 fn quiet_tells_errors_alone_and_verbose_tells_files() {

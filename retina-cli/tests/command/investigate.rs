@@ -1,13 +1,9 @@
 //! `retina investigate` from a table to files that the other commands take.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::fmt::Write as _;
 use std::path::Path;
 
-use common::{assert_done, assert_refused, retina};
+use crate::common::{assert_done, assert_refused, retina};
 
 /// Readings of a power meter that grow with the humidity, the more the larger the square is. Noise of 0.4 %.
 fn readings(series: usize) -> String {

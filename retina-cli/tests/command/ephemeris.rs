@@ -1,19 +1,13 @@
 //! SPK kernels in the place of the analytical ephemerides: scenes, trajectories, star images, far range.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-#[path = "../../retina-sky/tests/common/spk.rs"]
-mod spk;
-
 use std::fs;
 use std::path::Path;
 use std::process::Output;
 
-use common::{AU_M, Fixture, HEADER, assert_done, assert_refused, json};
+use crate::common::{self, AU_M, Fixture, HEADER, assert_done, assert_refused, json};
+use crate::spk::{Circle, kernel, solar_system};
 use glam::{DQuat, DVec3};
 use serde_json::Value;
-use spk::{Circle, kernel, solar_system};
 
 const LIGHT_SPEED_M_S: f64 = 299_792_458.0;
 /// When the kernels begin: 2027-03-16T20:13:20 TDB.

@@ -1,13 +1,9 @@
 //! `retina navigate limb` on drawn photographs of a body of known place.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-use common::{assert_refused, retina};
+use crate::common::{self, assert_refused, retina};
 use serde_json::Value;
 
 const SIZE: [u32; 2] = [320, 240];
