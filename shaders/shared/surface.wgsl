@@ -160,7 +160,8 @@ fn shade(triangle: u32, ray: Ray, sample_size_px: f32, sunlight: Sunlight) -> Sa
     var lit = 0.0;
     var in_doubt = 0.0;
     if elevation > -radius && dot(geometric, sun) > -radius {
-        let own_relief = elevation < horizon_at(triangle) + radius;
+        let horizon = horizon_at(triangle);
+        let own_relief = dot(horizon.xyz, sun) < horizon.w + radius;
         let tracing = own_relief || bodies[body].shadow_casters != 0u;
         if !tracing || sunlight.mode == SUN_ASSUMED {
             value = radiance_factor(body, elevation, mu, cos_phase);

@@ -129,8 +129,8 @@ const MOST_BODIES: u32 = 32u;
 @group(0) @binding(4) var vertex_texels: texture_2d<f32>;
 /// Corners of each triangle, three texels; the first one's w is 1 where both sides are seen.
 @group(0) @binding(9) var corner_texels: texture_2d<f32>;
-/// For each 8 triangles the sine of the Sun's elevation over the local normal above which nothing
-/// of the body itself hides it (retina-render/src/arrays/horizon.rs).
+/// For each 8 triangles their mean normal, and the sine of the Sun's elevation over it above which
+/// nothing of the body itself hides it (retina-render/src/arrays/horizon.rs).
 @group(0) @binding(5) var horizon_texels: texture_2d<f32>;
 /// Surfaces, then maps, two texels each.
 @group(0) @binding(6) var surface_texels: texture_2d<u32>;
@@ -177,8 +177,8 @@ fn vertex_at(index: u32) -> Vertex {
     return Vertex(a.xyz, a.w, b.xyz, b.w);
 }
 
-fn horizon_at(triangle: u32) -> f32 {
-    return textureLoad(horizon_texels, texel_at(triangle >> 3u), 0).x;
+fn horizon_at(triangle: u32) -> vec4<f32> {
+    return textureLoad(horizon_texels, texel_at(triangle >> 3u), 0);
 }
 
 fn surface_at(index: u32) -> Surface {

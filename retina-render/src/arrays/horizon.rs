@@ -23,15 +23,14 @@ const NEAR_RADII: f32 = 3.0;
 /// Triangles before and after a patch that are looked at first.
 const SURROUNDINGS: usize = 16;
 
-/// For each patch the sine of the Sun's elevation over the local normal (of the facets, and of the
-/// vertices where they are smooth) above which it is in sight; 2 where nothing is known.
-/// `triangles` and `nodes` are one body's, `first_triangle` where its triangles start.
+/// For each patch its mean normal, and the sine of the Sun's elevation over it above which the Sun is in sight; 2 where
+/// nothing is known. `triangles` and `nodes` are one body's, `first_triangle` where its triangles start.
 pub(crate) fn horizons(
     vertices: &[Vertex],
     triangles: &[[u32; 4]],
     nodes: &[Node],
     first_triangle: u32,
-) -> Vec<f32> {
+) -> Vec<[f32; 4]> {
     let corner = |index: u32| Vec3A::from_array(vertices[index as usize].position);
     let corners: Vec<[Vec3A; 3]> =
         triangles.par_iter().map(|t| [corner(t[0]), corner(t[1]), corner(t[2])]).collect();
@@ -43,22 +42,7 @@ pub(crate) fn horizons(
         .map(|(number, patch)| {
             let first = number * PATCH;
             let (up, sine) = body.bound(first..first + patch.len(), first_triangle);
-            if sine > 1.0 {
-                return UNKNOWN;
-            }
-            // Elevations over `up` become elevations over the normals that shading has.
-            let mut deviation = 0.0f32;
-            for (triangle, [a, b, c]) in patch.iter().zip(&corners[first..]) {
-                let (a, b, c) = (*a, *b, *c);
-                let facet = (b - a).cross(c - a).normalize_or_zero();
-                deviation = deviation.max(facet.angle_between(up));
-                for &index in &triangle[..3] {
-                    let normal = Vec3A::from_array(vertices[index as usize].normal);
-                    deviation = deviation.max(normal.angle_between(up));
-                }
-            }
-            let elevation = sine.asin() + deviation;
-            if elevation < std::f32::consts::FRAC_PI_2 { elevation.sin() } else { UNKNOWN }
+            up.extend(if sine > 1.0 { UNKNOWN } else { sine }).to_array()
         })
         .collect()
 }

@@ -24,7 +24,8 @@ pub(crate) struct SceneArrays {
     pub vertices: Vec<Vertex>,
     /// Corners of each triangle; the first one's last number is 1 where both sides are seen.
     pub corners: Vec<[[f32; 4]; 3]>,
-    pub horizons: Vec<f32>,
+    /// For each patch of triangles: see `horizon`.
+    pub horizons: Vec<[f32; 4]>,
     pub surfaces: Vec<Surface>,
     pub maps: Vec<Map>,
     pub texels: Vec<u32>,

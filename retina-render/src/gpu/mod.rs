@@ -356,7 +356,7 @@ impl SceneBuffers {
             gpu.array_texture("bounding volume hierarchy", &nodes, uint4)?,
             gpu.array_texture("triangles", &arrays.triangles, uint4)?,
             gpu.array_texture("vertices", &arrays.vertices, float4)?,
-            gpu.array_texture("horizons", &arrays.horizons, wgpu::TextureFormat::R32Float)?,
+            gpu.array_texture("horizons", &arrays.horizons, float4)?,
             gpu.array_texture("surfaces", &arrays.surfaces, uint4)?,
             gpu.array_texture("maps", &arrays.maps, uint4)?,
             gpu.array_texture("textures", &arrays.texels, wgpu::TextureFormat::R32Uint)?,

@@ -28,6 +28,8 @@ pub(crate) struct Placed<'a> {
     pub sun_direction: Vec3,
     pub inverse_sun_distance: f32,
     pub sun_angular_radius: f32,
+    /// Farther below a facet's horizon no part of the Sun is seen from any point of the body.
+    sun_spread: f32,
     pub sun_tangent_radius: f32,
     pub sun_irradiance_over_pi: f32,
     pub ray_offset_m: f32,
@@ -145,6 +147,23 @@ impl<'a> Prepared<'a> {
         &self.binned[self.starts[tile] as usize..self.starts[tile + 1] as usize]
     }
 
+    /// The body of a tile in which every triangle faces away from the Sun: nothing there has light. `None` elsewhere.
+    pub(crate) fn night(&self, tile: usize) -> Option<u32> {
+        let triangles = self.triangles(tile);
+        let body_of = |triangle: u32| {
+            self.arrays.ranges.partition_point(|range| range.triangle_first <= triangle).saturating_sub(1)
+        };
+        let away = |binned: &Binned| {
+            let corners = &self.arrays.corners[binned.triangle as usize];
+            let [a, b, c] = corners.map(|[x, y, z, _]| Vec3::new(x, y, z));
+            let (facet, placed) = ((b - a).cross(c - a), &self.placed[body_of(binned.triangle)]);
+            let two_sided = corners[0][3] > 0.0;
+            !two_sided && facet.dot(placed.sun_direction) < -placed.sun_spread * facet.length()
+        };
+        let first = triangles.first()?;
+        triangles.iter().all(away).then(|| body_of(first.triangle) as u32)
+    }
+
     /// Corners of a triangle in camera axes, m.
     pub(crate) fn corners_m(&self, triangle: u32) -> [DVec3; 3] {
         let [a, b, c, _] = self.arrays.triangles[triangle as usize];
@@ -199,6 +218,7 @@ impl<'a> Placed<'a> {
             sun_direction: (body.sun_position_body_m / distance_m).as_vec3(),
             inverse_sun_distance: (1.0 / distance_m) as f32,
             sun_angular_radius: sun_angular_radius_rad(distance_m) as f32,
+            sun_spread: (sun_angular_radius_rad(distance_m) + radius_m / distance_m) as f32 * 1.1,
             sun_tangent_radius: sun_angular_radius_rad(distance_m).tan() as f32,
             sun_irradiance_over_pi: (sun_irradiance_w_m2_nm(distance_m) / std::f64::consts::PI) as f32,
             ray_offset_m: (arrays.ranges[own].bounding_radius_m * RAY_OFFSET) as f32,

@@ -1,11 +1,11 @@
 //! The native renderer: f32 on the processor's cores, for machines without a graphics processor.
 //!
 //! 1. `frame`: vertices are projected, triangles that face the camera sorted into tiles of 16 x 16 pixels.
-//! 2. First pass, a tile at a time: `visibility` finds the triangle that each sample (`places`) sees, and `coverage` how much
-//!    of the pixel each triangle fills; `shade` shades each triangle once a pixel, in its middle there, by the body's `law`;
-//!    `pixels` adds them up, with textures read at the places of `reads`. Where relief (bounded beforehand,
-//!    `arrays::horizon`) or another body may stand before the Sun, a packet of eight rays from the pixel to the Sun's disc
-//!    probes it.
+//! 2. First pass, a tile at a time: `coverage` measures how much of the pixel each triangle fills. Where they do not make up
+//!    the pixel, `visibility` finds the triangle that each sample (`places`) sees. `shade` shades each triangle once a
+//!    pixel, in its middle there, by the body's `law`; `sums` adds them up, with textures read at the places of `reads`.
+//!    Where relief (bounded beforehand, `arrays::horizon`) or another body may stand before the Sun, a packet of eight
+//!    rays from the pixel to the Sun's disc probes it (`pixels`).
 //! 3. A pixel on an edge of visibility or of a shadow, itself or a neighbour, is listed.
 //! 4. Second pass: listed pixels are sampled anew, each sample with a Sun ray of its own where there is doubt.
 //!
@@ -19,6 +19,7 @@ mod places;
 mod rays;
 mod reads;
 mod shade;
+mod sums;
 mod texture;
 mod tiles;
 mod visibility;
@@ -94,7 +95,7 @@ impl NativeRenderer {
             .into_par_iter()
             .map_init(TileWork::default, |work, tile| work.first_pass(&frame, tile, sampling, layers))
             .collect();
-        let lists = list(&frame, &tiles);
+        let lists = list(&frame, &tiles, layers);
         let refined: Vec<Vec<(u32, Pixel)>> = lists
             .par_iter()
             .enumerate()
@@ -149,7 +150,7 @@ enum Listing {
 }
 
 /// For each tile the pixels that the second pass takes.
-fn list(frame: &Prepared<'_>, tiles: &[Vec<Pixel>]) -> Vec<Vec<Listed>> {
+fn list(frame: &Prepared<'_>, tiles: &[Vec<Pixel>], layers: bool) -> Vec<Vec<Listed>> {
     let [width, height] = frame.region.size;
     let (wide, high) = (width as usize, height as usize);
     // What neighbours are asked for, by rows of the region.
@@ -172,6 +173,9 @@ fn list(frame: &Prepared<'_>, tiles: &[Vec<Pixel>]) -> Vec<Vec<Listed>> {
         .map(|index| {
             let tile = frame.tile(index);
             let mut out = Vec::new();
+            if frame.triangles(index).is_empty() || (!layers && frame.night(index).is_some()) {
+                return out;
+            }
             for (local, pixel) in (0u32..).zip(&tiles[index]) {
                 let [column, row] = tile.pixel(local);
                 let x = (column - frame.region.origin[0]) as usize;

@@ -1,4 +1,4 @@
-//! A pixel from its samples: fragments, sunlight, means.
+//! A pixel from the triangles that it sees: fragments and sunlight.
 
 use std::ops::Range;
 
@@ -8,8 +8,9 @@ use super::coverage::{Measure, Part, Square};
 use super::frame::Prepared;
 use super::places::pixel_turn;
 use super::rays::{Blocked, LANES, Packet};
-use super::reads::{Edge, Find, Reads};
-use super::shade::{Facet, Fragment, FragmentMap, Light};
+use super::reads::{Edge, Find, Places, Reads};
+use super::shade::{Facet, Fragment, Light};
+use super::sums::{Reading, layers, light_of};
 use super::visibility::{Samples, Setup};
 use crate::PLANE_NAMES;
 
@@ -48,6 +49,11 @@ impl Pixel {
     pub(crate) const SKY: Self =
         Self { planes: [0.0; PLANES], owner: Owner::Sky, light: Sunlit::UNSEEN, uneven: false };
 
+    /// A body's pixel of which no part faces the Sun. (Sky beside it counts as body: it has no light either.)
+    pub(crate) fn night(body: u32) -> Self {
+        Self { owner: Owner::Body(body), light: Sunlit::DARK, ..Self::SKY }
+    }
+
     /// The same pixel without light.
     pub(crate) fn in_shadow(&self) -> Self {
         let mut out = *self;
@@ -70,9 +76,6 @@ const LEAST_AREA: f32 = 1e-5;
 /// Areas that make up a pixel add to 1 within this: triangles in front of each other, or sky, rarely come closer.
 const AREA_SLACK: f32 = 1e-3;
 
-/// Cosine of the emission angle below which a pixel's triangles differ much in how texture coordinates grow within it.
-const STEEP_MU: f32 = 0.5;
-
 /// No fragment, no facet.
 const NONE: u32 = u32::MAX;
 
@@ -85,7 +88,7 @@ pub(crate) struct PixelWork {
     fragments: Vec<Fragment>,
     /// Of each fragment: see `Fragment::sun_axes`.
     sun_axes: Vec<[Vec3; 2]>,
-    /// Of each sample; `NONE` for the sky.
+    /// The fragment of each sample; `NONE` for the sky.
     of_sample: Vec<u32>,
     sums: Vec<([f32; 2], u32, u32)>,
     parts: Vec<Part>,
@@ -94,13 +97,11 @@ pub(crate) struct PixelWork {
     rays: Vec<SunRay>,
     /// Of each sample of the pixel: I/F without the texture, and the part of the Sun that is hidden.
     light: Vec<[f32; 2]>,
-    maps: Vec<FragmentMap>,
+    reading: Reading,
     /// Of each fragment: its triangle's edge functions within the pixel.
     edges: Vec<[Edge; 3]>,
-    /// Of each read: the fragment that it sees; empty where it sees what the nearest sample sees.
+    /// The fragment of each read; `NONE` for the sky.
     of_read: Vec<u32>,
-    /// Of each fragment: the share of the reads that it has, and the sum of their light over all reads.
-    lit: Vec<[f32; 2]>,
 }
 
 /// Which rays of a packet in a body's axes do not see the Sun: `relief` may be stopped by the body itself, all of
@@ -120,40 +121,6 @@ fn stopped(frame: &Prepared<'_>, body: usize, packet: &Packet, group: u32, relie
     stopped
 }
 
-/// Sums over a pixel's reads, which see fragments under light (I/F without the texture): albedo, I/F, radiance.
-#[inline(always)]
-fn sums(
-    view: &View<'_>,
-    fragments: &[Fragment],
-    maps: &[FragmentMap],
-    lit: &mut [[f32; 2]],
-    seen: impl Iterator<Item = (u32, f32)>,
-) -> [f32; 3] {
-    let texels = &view.frame.arrays.texels;
-    let share = 1.0 / view.reads.count() as f32;
-    let [mut mean_albedo, mut factor, mut radiance] = [0.0; 3];
-    for (place, (index, light)) in view.reads.places().zip(seen) {
-        let index = index as usize;
-        let Some(map) = maps.get(index) else { continue };
-        let light = share * light;
-        let albedo = match &map.grid {
-            Some(grid) => grid.albedo(texels, place),
-            None => {
-                let step = view.square.step(place);
-                let at = [0, 1].map(|k| view.square.middle[k] + step[k]);
-                fragments[index].albedo(view.frame, at)
-            }
-        };
-        lit[index][0] += share;
-        lit[index][1] += light;
-        mean_albedo += share * albedo;
-        let textured = light * albedo;
-        factor += textured;
-        radiance += textured * map.irradiance;
-    }
-    [mean_albedo, factor, radiance]
-}
-
 /// Where a pixel's samples lie, and what they belong to.
 pub(crate) struct View<'a> {
     pub frame: &'a Prepared<'a>,
@@ -165,8 +132,8 @@ pub(crate) struct View<'a> {
     /// Points of the Sun's disc that the pixel looks at.
     pub sun_points: &'a [Vec2],
     pub reads: &'a Reads,
-    /// Where in the pixel its first sample lies, 0..1.
-    pub first_place: [f32; 2],
+    /// Where in the pixel its samples lie.
+    pub places: &'a Places,
     /// The pixel's number in the image, its samples, and its square.
     pub pixel: u32,
     pub run: Range<usize>,
@@ -177,7 +144,8 @@ impl View<'_> {
     /// Turns to a pixel.
     pub(crate) fn turn_to(&mut self, pixel: u32, run: Range<usize>) {
         let first = [self.samples.x[run.start], self.samples.y[run.start]];
-        let back = self.square.step([0.5 - self.first_place[0], 0.5 - self.first_place[1]]);
+        let from_middle = self.places.iter().next().unwrap_or_default();
+        let back = self.square.step(from_middle.map(|offset| -offset));
         self.square.middle = [first[0] + back[0], first[1] + back[1]];
         self.pixel = pixel;
         self.run = run;
@@ -220,18 +188,21 @@ impl PixelWork {
         }
     }
 
-    /// Finds the areas of all triangles that the pixel may see, and adds those that no sample sees; `false`, and nothing
-    /// is added, where they do not make up the pixel: then some hide others, or a part of the pixel is sky.
+    /// Measures the areas of all triangles that the pixel may see; whether they make up the pixel. Otherwise some hide
+    /// others, or a part of the pixel is sky, or a triangle is not known as a whole.
     fn measure(&mut self, view: &View<'_>, candidates: &[u32]) -> bool {
-        if candidates.len() < 2 || self.of_sample.contains(&NONE) {
-            return false;
-        }
         view.frame.level.run(Measure {
             square: view.square,
             setups: view.setups,
             candidates,
             parts: &mut self.measured,
         });
+        let total: f32 = self.measured.iter().map(|part| part.area).sum();
+        (total - 1.0).abs() < AREA_SLACK
+    }
+
+    /// The parts of what samples see, and of triangles that no sample sees.
+    fn add_measured(&mut self, candidates: &[u32]) {
         let sampled = self.sums.len();
         self.parts.clear();
         self.parts.resize(sampled, Part::default());
@@ -239,30 +210,25 @@ impl PixelWork {
             let seen = candidate.wrapping_add(1);
             if let Some(at) = self.sums[..sampled].iter().position(|&(_, _, number)| number == seen) {
                 self.parts[at] = *part;
-            } else if part.area > LEAST_AREA || part.area.is_nan() {
+            } else if part.area > LEAST_AREA {
                 self.parts.push(*part);
                 self.sums.push(([0.0; 2], 0, seen));
             }
         }
-        // NaN where a triangle is not known as a whole.
-        let total: f32 = self.parts.iter().map(|part| part.area).sum();
-        let whole = (total - 1.0).abs() < AREA_SLACK;
-        if !whole {
-            self.sums.truncate(sampled);
-        }
-        whole
     }
 
     /// Shades the fragments, each in its middle: of its area where that was measured, else of its samples.
     fn shade(&mut self, view: &View<'_>, measured: bool) {
         self.fragments.clear();
+        let of_samples = 1.0 / view.run.len() as f32;
         for (index, &(sum, samples, seen)) in self.sums.iter().enumerate() {
-            let number = seen.wrapping_sub(1);
-            let mut middle = sum.map(|value| value / samples as f32);
+            let samples = samples as f32;
             let part = measured.then(|| &self.parts[index]);
+            let (mut middle, mut share) = (sum.map(|value| value / samples), samples * of_samples);
             if let Some(part) = part.filter(|part| part.area > 0.0) {
-                middle = part.middle;
+                (middle, share) = (part.middle, part.area);
             }
+            let number = seen.wrapping_sub(1);
             let (frame, setup) = (view.frame, &view.setups[number as usize]);
             let facet = &mut self.facet_of[number as usize];
             if *facet == NONE {
@@ -271,25 +237,45 @@ impl PixelWork {
             }
             let facet = &self.facets[*facet as usize];
             let read_px = view.reads.apart_px;
-            let mut fragment =
-                Fragment::new(frame, setup, facet, number, view.sight, middle, samples, read_px);
+            let mut fragment = Fragment::new(frame, setup, facet, number, view.sight, middle, share, read_px);
             fragment.area = part.map(|part| part.area);
             self.fragments.push(fragment);
         }
     }
 
-    /// A pixel of the first pass: shaded as if nothing stood before the Sun, with a packet of rays where it may.
-    /// `candidates` are the triangles that may touch it.
-    pub(crate) fn first(&mut self, view: &View<'_>, candidates: &[u32]) -> Pixel {
-        let seen = &view.samples.seen[view.run.clone()];
-        if seen.iter().all(|&number| number == 0) {
+    /// A pixel of the first pass that the triangles that may touch it, `candidates`, make up, none hiding another;
+    /// `None` where they do not: such a pixel needs samples.
+    pub(crate) fn whole(&mut self, view: &View<'_>, candidates: &[u32]) -> Option<Pixel> {
+        if candidates.is_empty() {
+            return Some(Pixel::SKY);
+        }
+        if !self.measure(view, candidates) {
+            return None;
+        }
+        self.sums.clear();
+        self.add_measured(candidates);
+        self.shade(view, true);
+        self.edges.clear();
+        let setups = self.fragments.iter().map(|fragment| &view.setups[fragment.number as usize]);
+        self.edges.extend(setups.map(|setup| setup.edges.map(|edge| edge.within(&view.square))));
+        Some(self.shaded(view, true))
+    }
+
+    /// A pixel of the first pass by its samples.
+    pub(crate) fn sampled(&mut self, view: &View<'_>) -> Pixel {
+        self.part(view);
+        if self.sums.is_empty() {
             return Pixel::SKY;
         }
-        self.part(view);
-        let sky = self.of_sample.contains(&NONE);
-        let measured = self.measure(view, candidates);
-        self.shade(view, measured);
+        self.shade(view, false);
+        self.shaded(view, false)
+    }
+
+    /// A pixel of the first pass whose fragments are there: shaded as if nothing stood before the Sun, with a packet of
+    /// rays where it may.
+    fn shaded(&mut self, view: &View<'_>, whole: bool) -> Pixel {
         let body = self.fragments[0].body;
+        let sky = !whole && self.of_sample.contains(&NONE);
         let owner = if sky || self.fragments.iter().any(|fragment| fragment.body != body) {
             Owner::Mixed
         } else {
@@ -303,27 +289,43 @@ impl PixelWork {
         // shadow as a whole.
         let mut again = owner == Owner::Mixed;
         if doubt && !again {
+            if whole {
+                find(view, view.places, &self.edges, &mut self.of_sample);
+            }
             let probed = self.probe(view);
             again = probed.0 & Sunlit::DARK.0 != 0;
             light = Sunlit(light.0 | probed.0);
         }
-        self.light.clear();
-        for &index in &self.of_sample {
-            let lit = self.fragments.get(index as usize).map_or([0.0; 2], |fragment| {
-                let value = if again { 0.0 } else { fragment.value };
-                [value, f32::from(u8::from(fragment.light == Light::Away))]
-            });
-            self.light.push(lit);
+        let mut planes = [0.0f32; PLANES];
+        if !again && self.fragments.iter().any(|fragment| fragment.value > 0.0) {
+            if whole {
+                find(view, &view.reads.places, &self.edges, &mut self.of_read);
+            } else {
+                self.read_as_samples(view);
+            }
+            let fragments = &self.fragments;
+            let seen = self
+                .of_read
+                .iter()
+                .map(|&index| (index, fragments.get(index as usize).map_or(0.0, |fragment| fragment.value)));
+            [planes[0], planes[1]] = light_of(view, fragments, &mut self.reading, seen);
         }
-        self.of_read.clear();
-        if measured && !again && self.fragments.iter().any(|fragment| fragment.mu < STEEP_MU) {
-            self.look(view);
+        if view.layers {
+            let hidden = self.fragments.iter().filter(|fragment| fragment.light == Light::Away);
+            let hidden = hidden.map(|fragment| fragment.share).sum();
+            layers(view, &self.fragments, whole, hidden, &mut planes);
         }
-        let planes = self.mean(view);
         let values = self.fragments.iter().map(|fragment| fragment.value);
         let (least, most) = values.fold((f32::INFINITY, 0.0f32), |(a, b), v| (a.min(v), b.max(v)));
-        let uneven = !measured && most - least > view.frame.placed[body as usize].contrast;
+        let uneven = !whole && most - least > view.frame.placed[body as usize].contrast;
         Pixel { planes, owner, light, uneven }
+    }
+
+    /// Each read sees what the nearest sample sees.
+    fn read_as_samples(&mut self, view: &View<'_>) {
+        let nearest = view.reads.nearest.iter();
+        self.of_read.clear();
+        self.of_read.extend(nearest.map(|&sample| self.of_sample[sample as usize]));
     }
 
     /// Rays from samples spread over the pixel to points spread over the Sun. Only samples in doubt count: the others
@@ -418,7 +420,10 @@ impl PixelWork {
     pub(crate) fn refined(&mut self, view: &View<'_>, candidates: &[u32]) -> [f32; PLANES] {
         let count = view.run.len() as u32;
         self.part(view);
-        let measured = self.measure(view, candidates);
+        let measured = !self.of_sample.contains(&NONE) && self.measure(view, candidates);
+        if measured {
+            self.add_measured(candidates);
+        }
         self.shade(view, measured);
         self.light.clear();
         self.light.resize(count as usize, [0.0; 2]);
@@ -440,93 +445,26 @@ impl PixelWork {
             }
         }
         self.trace(view);
-        self.of_read.clear();
-        self.mean(view)
-    }
-
-    /// Finds the triangle that each read falls into. Towards the limb texture coordinates of neighbouring triangles grow
-    /// so differently that the nearest sample's would not do.
-    fn look(&mut self, view: &View<'_>) {
-        let nearest = view.reads.nearest.iter();
-        self.of_read.extend(nearest.map(|&sample| self.of_sample[sample as usize]));
-        self.edges.clear();
-        let setups = self.fragments.iter().map(|fragment| &view.setups[fragment.number as usize]);
-        self.edges.extend(setups.map(|setup| setup.edges.map(|edge| edge.within(&view.square))));
-        let found = &mut self.of_read;
-        view.frame.level.run(Find { reads: view.reads, triangles: &self.edges, found });
-    }
-
-    /// Radiance, I/F and coverage are means over the pixel, the other planes means over the part of it that a body
-    /// covers.
-    fn mean(&mut self, view: &View<'_>) -> [f32; PLANES] {
         let mut planes = [0.0f32; PLANES];
         if self.light.iter().any(|&[value, _]| value > 0.0) {
-            [planes[0], planes[1]] = self.light_of(view);
+            self.read_as_samples(view);
+            let nearest = view.reads.nearest.iter();
+            let light = nearest.map(|&sample| self.light[sample as usize][0]);
+            let seen = self.of_read.iter().copied().zip(light);
+            [planes[0], planes[1]] = light_of(view, &self.fragments, &mut self.reading, seen);
         }
         if view.layers {
-            self.layers(view, &mut planes);
+            let hidden = self.light.iter().map(|&[_, hidden]| hidden).sum::<f32>() / count as f32;
+            layers(view, &self.fragments, measured, hidden, &mut planes);
         }
         planes
     }
+}
 
-    /// Mean radiance and I/F.
-    fn light_of(&mut self, view: &View<'_>) -> [f32; 2] {
-        let irradiance =
-            |fragment: &Fragment| view.frame.placed[fragment.body as usize].sun_irradiance_over_pi;
-        let maps = self.fragments.iter().map(|fragment| fragment.map(&view.square, irradiance(fragment)));
-        self.maps.clear();
-        self.maps.extend(maps);
-        self.lit.clear();
-        self.lit.resize(self.fragments.len(), [0.0; 2]);
-        // A read's fragment, and its light: I/F without the texture.
-        let [mean_albedo, mut factor, mut radiance] = if self.of_read.is_empty() {
-            let (seen, light) = (&self.of_sample, &self.light);
-            let nearest = view.reads.nearest.iter().map(|&sample| sample as usize);
-            sums(view, &self.fragments, &self.maps, &mut self.lit, nearest.map(|at| (seen[at], light[at][0])))
-        } else {
-            let (fragments, found) = (&self.fragments, self.of_read.iter());
-            let own = found.map(|&index| (index, fragments[index as usize].value));
-            sums(view, fragments, &self.maps, &mut self.lit, own)
-        };
-        // What the reads get wrong about areas. They are spread evenly, so only this part takes the mean albedo. A
-        // fragment without reads is as much in the shade as the others are.
-        let shared = self.fragments.iter().zip(&self.lit);
-        let unshaded: f32 = shared.clone().map(|(fragment, [read, _])| read * fragment.value).sum();
-        let lit: f32 = self.lit.iter().map(|[_, light]| light).sum();
-        let open = if unshaded > 0.0 { (lit / unshaded).min(1.0) } else { 0.0 };
-        for (fragment, &[read, light]) in shared {
-            let Some(area) = fragment.area else { continue };
-            let mean = if read > 0.0 { light / read } else { fragment.value * open };
-            let textured = (area - read) * mean * mean_albedo;
-            factor += textured;
-            radiance += textured * irradiance(fragment);
-        }
-        [radiance, factor]
-    }
-
-    /// The planes beside the light.
-    fn layers(&self, view: &View<'_>, planes: &mut [f32; PLANES]) {
-        let count = view.run.len() as f32;
-        let mut hits = 0.0f32;
-        let mut normal = Vec3::ZERO;
-        for fragment in &self.fragments {
-            let weight = fragment.samples as f32;
-            let placed = &view.frame.placed[fragment.body as usize];
-            hits += weight;
-            planes[3] += weight * fragment.depth_m;
-            normal += placed.camera_from_body * fragment.normal * weight;
-            for (plane, cosine) in [(7, fragment.elevation), (8, fragment.mu), (9, fragment.cos_phase)] {
-                planes[plane] += weight * cosine.clamp(-1.0, 1.0).acos();
-            }
-        }
-        planes[2] = hits / count;
-        let hits = hits.max(1.0);
-        planes[3] /= hits;
-        let normal = normal / normal.length().max(1e-20);
-        planes[4..7].copy_from_slice(&normal.to_array());
-        for plane in 7..10 {
-            planes[plane] = (planes[plane] / hits).to_degrees();
-        }
-        planes[10] = self.light.iter().map(|&[_, hidden]| hidden).sum::<f32>() / hits;
-    }
+/// The fragment that each of some places in a pixel sees, by the edge functions of all of them.
+fn find(view: &View<'_>, places: &Places, triangles: &[[Edge; 3]], found: &mut Vec<u32>) {
+    found.clear();
+    // A place in no triangle, by rounding, is taken for one in the first.
+    found.resize(places.count(), 0);
+    view.frame.level.run(Find { places, triangles, found });
 }

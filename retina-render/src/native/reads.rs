@@ -1,14 +1,36 @@
-//! Where in a pixel textures are read, and what each read sees.
+//! Where in a pixel textures are read, and which triangle each place sees.
 
 use glam::Vec2;
 use retina_simd::Kernel;
 
+/// Places within a pixel, from its middle along x and along y, pixels.
+pub(crate) struct Places {
+    s: Vec<f32>,
+    t: Vec<f32>,
+}
+
+impl Places {
+    /// `places` lie in 0..1.
+    pub(crate) fn new(places: &[Vec2]) -> Self {
+        Self {
+            s: places.iter().map(|place| place.x - 0.5).collect(),
+            t: places.iter().map(|place| place.y - 0.5).collect(),
+        }
+    }
+
+    pub(crate) fn count(&self) -> usize {
+        self.s.len()
+    }
+
+    pub(crate) fn iter(&self) -> impl Iterator<Item = [f32; 2]> {
+        self.s.iter().zip(&self.t).map(|(&s, &t)| [s, t])
+    }
+}
+
 /// There are more reads than samples: a map often changes within a pixel.
 pub(crate) struct Reads {
-    /// From the pixel's middle along x and along y, pixels.
-    pub s: Vec<f32>,
-    pub t: Vec<f32>,
-    /// The sample that lies nearest.
+    pub places: Places,
+    /// The sample that lies nearest to each.
     pub nearest: Vec<u32>,
     /// Mean distance of reads, pixels.
     pub apart_px: f32,
@@ -22,31 +44,22 @@ impl Reads {
             (0..samples.len() as u32).min_by(|&a, &b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
         };
         Self {
-            s: places.iter().map(|place| place.x - 0.5).collect(),
-            t: places.iter().map(|place| place.y - 0.5).collect(),
+            places: Places::new(places),
             nearest: places.iter().map(|&place| nearest(place)).collect(),
             apart_px: 1.0 / (places.len() as f32).sqrt(),
         }
-    }
-
-    pub(crate) fn count(&self) -> usize {
-        self.nearest.len()
-    }
-
-    pub(crate) fn places(&self) -> impl Iterator<Item = [f32; 2]> {
-        self.s.iter().zip(&self.t).map(|(&s, &t)| [s, t])
     }
 }
 
 /// An edge function within a pixel: its value in the middle, and its growth along x and along y.
 pub(crate) type Edge = [f32; 3];
 
-/// Finds the triangle that each read falls into, where none hides another.
+/// Finds the triangle that each place falls into, where none hides another.
 pub(crate) struct Find<'a> {
-    pub reads: &'a Reads,
+    pub places: &'a Places,
     /// Of each triangle; all three are positive inside.
     pub triangles: &'a [[Edge; 3]],
-    /// Of each read; left as it is where a read lies in no triangle, by rounding.
+    /// Of each place; left as it is where a place lies in no triangle, by rounding.
     pub found: &'a mut [u32],
 }
 
@@ -55,10 +68,9 @@ impl Kernel for Find<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { reads, triangles, found } = self;
+        let Self { places, triangles, found } = self;
         for (index, &[u, v, w]) in (0u32..).zip(triangles) {
-            let places = reads.s.iter().zip(&reads.t);
-            for ((&s, &t), found) in places.zip(&mut *found) {
+            for ((&s, &t), found) in places.s.iter().zip(&places.t).zip(&mut *found) {
                 let at = |[middle, x, y]: Edge| middle + x * s + y * t;
                 let inside = (at(u) >= 0.0) & (at(v) >= 0.0) & (at(w) >= 0.0);
                 *found = if inside { index } else { *found };

@@ -39,8 +39,9 @@ pub(crate) struct Facet {
     uv: Vec2,
     uv_ab: Vec2,
     uv_ac: Vec2,
-    /// Sine of the Sun's elevation above which the body's own relief cannot hide it.
-    horizon: f32,
+    /// Mean normal of the surroundings, and the sine of the Sun's elevation over it above which the body's own relief
+    /// cannot hide it.
+    horizon: (Vec3, f32),
     albedo_map: u32,
     slope_map: u32,
     albedo_factor: f32,
@@ -67,6 +68,7 @@ impl Facet {
             normals = normals.map(|normal| -normal);
         }
         let uv = Vec2::new(a.u, a.v);
+        let [up_x, up_y, up_z, sine] = arrays.horizons[triangle as usize / PATCH];
         Self {
             body: surface.body,
             origin,
@@ -81,7 +83,7 @@ impl Facet {
             uv,
             uv_ab: Vec2::new(b.u, b.v) - uv,
             uv_ac: Vec2::new(c.u, c.v) - uv,
-            horizon: arrays.horizons[triangle as usize / PATCH],
+            horizon: (Vec3::new(up_x, up_y, up_z), sine),
             albedo_map: surface.albedo_map,
             slope_map: surface.slope_map,
             albedo_factor: surface.albedo_factor,
@@ -128,13 +130,14 @@ pub(crate) struct FragmentMap {
     pub irradiance: f32,
 }
 
-/// The part of a triangle that some samples of a pixel see, shaded in the middle of them.
+/// The part of a triangle that a pixel sees, shaded in its middle.
 #[derive(Clone, Copy)]
 pub(crate) struct Fragment {
     /// Index of the tile's triangle.
     pub number: u32,
     pub body: u32,
-    pub samples: u32,
+    /// Its part of the pixel, by samples or measured.
+    pub share: f32,
     /// Its part of the pixel's area, where that was measured.
     pub area: Option<f32>,
     pub geometric: Vec3,
@@ -174,7 +177,7 @@ impl Fragment {
         number: u32,
         sight: [f32; 2],
         [x, y]: [f32; 2],
-        samples: u32,
+        share: f32,
         read_px: f32,
     ) -> Self {
         let arrays = frame.arrays;
@@ -216,7 +219,8 @@ impl Fragment {
         let elevation = normal.dot(sun);
         let radius = placed.sun_angular_radius;
         let light = if elevation > -radius && geometric.dot(sun) > -radius {
-            let own_relief = elevation < facet.horizon + radius;
+            let (up, sine) = facet.horizon;
+            let own_relief = up.dot(sun) < sine + radius;
             if own_relief || !placed.casters.is_empty() { Light::Doubt { own_relief } } else { Light::Free }
         } else {
             Light::Away
@@ -226,7 +230,7 @@ impl Fragment {
         let mut out = Self {
             number,
             body,
-            samples,
+            share,
             area: None,
             geometric,
             normal,

@@ -9,14 +9,13 @@ use super::frame::{Prepared, Tile};
 use super::pixels::{Pixel, PixelWork, View};
 use super::places::{disc_points, square_point};
 use super::rays::LANES;
-use super::reads::Reads;
+use super::reads::{Places, Reads};
 use super::visibility::{Draw, Samples, Setup};
 use crate::Quality;
 
 /// Where the samples of a pixel lie, and which points of the Sun's disc its rays go to.
 pub(crate) struct Pattern {
-    /// Within the pixel, 0..1.
-    places: Vec<[f32; 2]>,
+    places: Places,
     /// Within the unit disc: one for each sample, or fewer where only some samples look at the Sun.
     sun_points: Vec<Vec2>,
     /// Where textures are read.
@@ -26,11 +25,11 @@ pub(crate) struct Pattern {
 impl Pattern {
     fn new(samples_log2: u32, sun_points: u32, reads_log2: u32) -> Self {
         let points = |log2: u32| (0..1 << log2).map(|k| square_point(k, log2)).collect::<Vec<Vec2>>();
-        let (places, reads) = (points(samples_log2), Reads::new(&points(reads_log2), &points(samples_log2)));
+        let samples = points(samples_log2);
         Self {
-            places: places.iter().map(Vec2::to_array).collect(),
+            places: Places::new(&samples),
             sun_points: disc_points(sun_points),
-            reads,
+            reads: Reads::new(&points(reads_log2), &samples),
         }
     }
 
@@ -138,6 +137,31 @@ impl Reference {
     }
 }
 
+impl<'a> View<'a> {
+    fn new(
+        frame: &'a Prepared<'a>,
+        reference: &Reference,
+        pattern: &'a Pattern,
+        setups: &'a [Setup],
+        samples: &'a Samples,
+        layers: bool,
+    ) -> Self {
+        Self {
+            frame,
+            setups,
+            samples,
+            sight: reference.sight.as_vec2().to_array(),
+            layers,
+            sun_points: &pattern.sun_points,
+            reads: &pattern.reads,
+            places: &pattern.places,
+            pixel: 0,
+            run: 0..0,
+            square: Square { middle: [0.0; 2], steps: reference.steps },
+        }
+    }
+}
+
 impl TileWork {
     /// The pixels of a tile, row by row.
     pub(crate) fn first_pass(
@@ -153,8 +177,11 @@ impl TileWork {
         if triangles.is_empty() {
             return vec![Pixel::SKY; width * height];
         }
+        if !layers && let Some(body) = frame.night(index) {
+            return vec![Pixel::night(body); width * height];
+        }
         let reference = Reference::of(frame, &tile);
-        let n = sampling.first.places.len();
+        let n = sampling.first.places.count();
         let all = 0..(width * height) as u32;
         self.place(frame, &tile, &reference, &sampling.first, all);
         self.setups.clear();
@@ -168,13 +195,32 @@ impl TileWork {
             }
             self.setups.push(setup);
         }
-        let measured = sampling.measured;
-        let (mut view, candidates, pixels) =
-            self.view(frame, &reference, &sampling.first, layers, width * height, measured);
-        let mut out = Vec::with_capacity(width * height);
-        for local in 0..width * height {
-            view.turn_to(pixel_number(frame, &tile, local as u32), local * n..(local + 1) * n);
-            out.push(pixels.first(&view, candidates.of(local)));
+        let count = width * height;
+        let numbers = |local: usize| local * n..(local + 1) * n;
+        let mut out = vec![Pixel::SKY; count];
+        let mut left: Vec<usize> = (0..count).collect();
+        let Self { samples, setups, runs, candidates, pixels } = self;
+        pixels.begin(setups.len());
+        if sampling.measured {
+            candidates.sort(runs, n, count);
+            let mut view = View::new(frame, &reference, &sampling.first, setups, samples, layers);
+            left.retain(|&local| {
+                view.turn_to(pixel_number(frame, &tile, local as u32), numbers(local));
+                let whole = pixels.whole(&view, candidates.of(local));
+                out[local] = whole.unwrap_or(Pixel::SKY);
+                whole.is_none()
+            });
+            runs.clear();
+            for &local in &left {
+                let [from, to] = [local * n, (local + 1) * n].map(|sample| sample as u32);
+                runs.extend(candidates.of(local).iter().map(|&candidate| [from, to, candidate]));
+            }
+        }
+        frame.level.run(Draw { samples, setups, runs });
+        let mut view = View::new(frame, &reference, &sampling.first, setups, samples, layers);
+        for local in left {
+            view.turn_to(pixel_number(frame, &tile, local as u32), numbers(local));
+            out[local] = pixels.sampled(&view);
         }
         out
     }
@@ -212,7 +258,7 @@ impl TileWork {
     ) {
         let tile = frame.tile(index);
         let reference = Reference::of(frame, &tile);
-        let n = pattern.places.len();
+        let n = pattern.places.count();
         self.place(frame, &tile, &reference, pattern, chosen.iter().copied());
         // For each row the listed pixels in it, by their order in `chosen`.
         let width = tile.size[0];
@@ -236,44 +282,16 @@ impl TileWork {
             }
             self.setups.extend(setup);
         }
-        let (mut view, candidates, pixels) =
-            self.view(frame, &reference, pattern, layers, chosen.len(), measured);
+        let Self { samples, setups, runs, candidates, pixels } = self;
+        candidates.sort(if measured { runs } else { &[] }, n, chosen.len());
+        frame.level.run(Draw { samples, setups, runs });
+        pixels.begin(setups.len());
+        let mut view = View::new(frame, &reference, pattern, setups, samples, layers);
         for (slot, &local) in chosen.iter().enumerate() {
             view.turn_to(pixel_number(frame, &tile, local), slot * n..(slot + 1) * n);
             let planes = pixels.refined(&view, candidates.of(slot));
             out.push((local, Pixel { planes, ..Pixel::SKY }));
         }
-    }
-
-    /// Draws what is to be drawn. Gives the samples as pixels are to see them, the triangles that may touch each of
-    /// `count` pixels where areas are measured, and the work space.
-    fn view<'a>(
-        &'a mut self,
-        frame: &'a Prepared<'a>,
-        reference: &Reference,
-        pattern: &'a Pattern,
-        layers: bool,
-        count: usize,
-        measured: bool,
-    ) -> (View<'a>, &'a Candidates, &'a mut PixelWork) {
-        let Self { samples, setups, runs, candidates, pixels } = self;
-        candidates.sort(if measured { runs } else { &[] }, pattern.places.len(), count);
-        frame.level.run(Draw { samples, setups, runs });
-        pixels.begin(setups.len());
-        let view = View {
-            frame,
-            setups,
-            samples,
-            sight: reference.sight.as_vec2().to_array(),
-            layers,
-            sun_points: &pattern.sun_points,
-            reads: &pattern.reads,
-            first_place: pattern.places[0],
-            pixel: 0,
-            run: 0..0,
-            square: Square { middle: [0.0; 2], steps: reference.steps },
-        };
-        (view, candidates, pixels)
     }
 
     /// Sets the samples' lines of sight, those of one pixel after those of another.
@@ -285,17 +303,18 @@ impl TileWork {
         pattern: &Pattern,
         pixels: impl ExactSizeIterator<Item = u32>,
     ) {
-        let n = pattern.places.len();
+        let n = pattern.places.count();
         self.samples.clear(pixels.len() * n);
         let [inverse_fx, inverse_fy] = frame.inverse_focal_px;
-        // From the tile's middle to its corner.
-        let corner = DVec2::new(f64::from(tile.origin[0]), f64::from(tile.origin[1])) - reference.centre_px;
+        // From the tile's middle to the middle of its first pixel.
+        let corner =
+            0.5 + DVec2::new(f64::from(tile.origin[0]), f64::from(tile.origin[1])) - reference.centre_px;
         let (corner_x, corner_y) = (corner.x as f32, corner.y as f32);
         for (slot, local) in pixels.enumerate() {
             let [x, y] = tile.offset(local).map(|offset| offset as f32);
             let run = slot * n..(slot + 1) * n;
             let places = self.samples.x[run.clone()].iter_mut().zip(&mut self.samples.y[run]);
-            for ((to_x, to_y), [px, py]) in places.zip(&pattern.places) {
+            for ((to_x, to_y), [px, py]) in places.zip(pattern.places.iter()) {
                 *to_x = (corner_x + x + px) * inverse_fx;
                 *to_y = (corner_y + y + py) * inverse_fy;
             }
