@@ -8,13 +8,13 @@ use std::process::{Command, Output};
 use retina_model::{BuildSpec, build_body};
 
 /// Focal length of the small screen, pixels.
-pub const FOCAL_PX: f64 = 900.0;
+pub(crate) const FOCAL_PX: f64 = 900.0;
 /// Radius of the body, m; its disc has a radius of 40 px.
-pub const RADIUS_M: f64 = 1000.0;
-pub const DISTANCE_M: f64 = 22_500.0;
-pub const AU_M: f64 = 149_597_870_700.0;
+pub(crate) const RADIUS_M: f64 = 1000.0;
+pub(crate) const DISTANCE_M: f64 = 22_500.0;
+pub(crate) const AU_M: f64 = 149_597_870_700.0;
 
-pub const SETUP: &str = r#"
+pub(crate) const SETUP: &str = r#"
 schema = "retina.setup/1"
 name = "small"
 [screen]
@@ -37,7 +37,7 @@ gamma = 2.2
 brightest_magnitude = -1.44
 "#;
 
-pub const CALIBRATION: &str = r#"
+pub(crate) const CALIBRATION: &str = r#"
 schema = "retina.calibration/1"
 setup = "small"
 [distortion]
@@ -47,7 +47,7 @@ terms = [
 ]
 "#;
 
-pub const SCENE: &str = r#"schema = "retina.scene/1"
+pub(crate) const SCENE: &str = r#"schema = "retina.scene/1"
 setup = "setup.toml"
 trajectory = "poses.csv"
 radiance_scale = "auto"
@@ -63,16 +63,16 @@ photometry = { model = "lambert", normal_albedo = 0.12 }
 
 /// A folder with `setup.toml`, `calibration.toml`, `poses.csv` (6 frames, phase 0 to 75 deg),
 /// `rock.glb` and `scene.toml`.
-pub struct Fixture {
+pub(crate) struct Fixture {
     folder: tempfile::TempDir,
 }
 
 impl Fixture {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self::with_frames(6)
     }
 
-    pub fn with_frames(frames: usize) -> Self {
+    pub(crate) fn with_frames(frames: usize) -> Self {
         let this = Self { folder: tempfile::tempdir().unwrap() };
         this.write("setup.toml", SETUP);
         this.write("calibration.toml", CALIBRATION);
@@ -82,27 +82,27 @@ impl Fixture {
         this
     }
 
-    pub fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    pub fn write(&self, name: &str, text: &str) {
+    pub(crate) fn write(&self, name: &str, text: &str) {
         fs::write(self.path(name), text).unwrap();
     }
 
     /// Replaces text in a file; it must be there.
-    pub fn edit(&self, name: &str, from: &str, to: &str) {
+    pub(crate) fn edit(&self, name: &str, from: &str, to: &str) {
         let text = fs::read_to_string(self.path(name)).unwrap();
         assert!(text.contains(from), "{name} does not hold {from}");
         self.write(name, &text.replacen(from, to, 1));
     }
 
     /// `retina render scene.toml --out OUT --backend cpu` and further arguments.
-    pub fn render(&self, out: &str, more: &[&str]) -> Output {
+    pub(crate) fn render(&self, out: &str, more: &[&str]) -> Output {
         self.render_command(out, more).output().unwrap()
     }
 
-    pub fn render_command(&self, out: &str, more: &[&str]) -> Command {
+    pub(crate) fn render_command(&self, out: &str, more: &[&str]) -> Command {
         let mut command = retina();
         command.arg("render").arg(self.path("scene.toml")).arg("--out").arg(self.path(out));
         if !more.contains(&"--backend") {
@@ -113,12 +113,12 @@ impl Fixture {
     }
 }
 
-pub fn retina() -> Command {
+pub(crate) fn retina() -> Command {
     Command::new(env!("CARGO_BIN_EXE_retina"))
 }
 
 /// A sphere of [`RADIUS_M`].
-pub fn sphere(cells: u32) -> Vec<u8> {
+pub(crate) fn sphere(cells: u32) -> Vec<u8> {
     let spec = BuildSpec {
         name: "rock".into(),
         radius_m: RADIUS_M,
@@ -133,12 +133,12 @@ pub fn sphere(cells: u32) -> Vec<u8> {
     build_body(&spec).unwrap().glb
 }
 
-pub const HEADER: &str = "time_s,camera_x_m,camera_y_m,camera_z_m,camera_from_inertial_w,camera_from_inertial_x,\
+pub(crate) const HEADER: &str = "time_s,camera_x_m,camera_y_m,camera_z_m,camera_from_inertial_w,camera_from_inertial_x,\
 camera_from_inertial_y,camera_from_inertial_z,sun_x_m,sun_y_m,sun_z_m";
 
 /// Camera on -z, looking along +z at the body at the origin; 15 deg more phase angle each frame,
 /// 75 deg at most.
-pub fn poses(frames: usize) -> String {
+pub(crate) fn poses(frames: usize) -> String {
     let mut text = format!("# written by a test\n{HEADER}\n");
     for frame in 0..frames {
         let phase = phase_deg(frame).to_radians();
@@ -153,20 +153,20 @@ pub fn poses(frames: usize) -> String {
     text
 }
 
-pub fn phase_deg(frame: usize) -> f64 {
+pub(crate) fn phase_deg(frame: usize) -> f64 {
     15.0 * (frame % 6) as f64
 }
 
-pub fn stderr(output: &Output) -> String {
+pub(crate) fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-pub fn assert_done(output: &Output) {
+pub(crate) fn assert_done(output: &Output) {
     assert_eq!(output.status.code(), Some(0), "{}", stderr(output));
 }
 
 /// The JSON document on standard output. It fits its schema, if one ships.
-pub fn json(output: &Output) -> serde_json::Value {
+pub(crate) fn json(output: &Output) -> serde_json::Value {
     assert_done(output);
     let document = serde_json::from_slice(&output.stdout).unwrap();
     assert_fits_its_schema(&document);
@@ -174,7 +174,7 @@ pub fn json(output: &Output) -> serde_json::Value {
 }
 
 /// Holds a document to the schema that ships for its key `schema`; says whether there is one.
-pub fn assert_fits_its_schema(document: &serde_json::Value) -> bool {
+pub(crate) fn assert_fits_its_schema(document: &serde_json::Value) -> bool {
     let own = |schema: &serde_json::Value| schema["properties"]["schema"]["const"] == document["schema"];
     let schemas =
         retina_assets::SCHEMAS.map(|(_, text)| serde_json::from_str::<serde_json::Value>(text).unwrap());
@@ -187,7 +187,7 @@ pub fn assert_fits_its_schema(document: &serde_json::Value) -> bool {
 }
 
 /// Exit code 2, and the message holds all of the words.
-pub fn assert_refused(output: &Output, words: &[&str]) {
+pub(crate) fn assert_refused(output: &Output, words: &[&str]) {
     let text = stderr(output);
     assert_eq!(output.status.code(), Some(2), "{text}");
     for word in words {
@@ -204,7 +204,7 @@ pub fn assert_refused(output: &Output, words: &[&str]) {
 
 /// Every file of a folder by its path in it; the manifest's lines are sorted, as frames may finish
 /// in any order.
-pub fn contents(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+pub(crate) fn contents(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut all = BTreeMap::new();
     let mut folders = vec![dir.to_path_buf()];
     while let Some(folder) = folders.pop() {
@@ -229,7 +229,7 @@ pub fn contents(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 /// Grey counts of a screen image, row by row; all channels must be equal.
-pub fn counts(path: &Path) -> Vec<u8> {
+pub(crate) fn counts(path: &Path) -> Vec<u8> {
     let image = image::open(path).unwrap().into_rgb8();
     assert!(image.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]));
     image.pixels().map(|p| p.0[0]).collect()

@@ -1,8 +1,6 @@
 //! A Moon that the project's own renderer made, photographed with known noise: its map, its relief and its law are known
 //! to be those of the scene, so that from a smooth sphere both have to come out as they are.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
 use std::path::{Path, PathBuf};
 
 use glam::DMat3;

@@ -1,7 +1,5 @@
 //! OBJ files: forms of corners, indices, polygons, shading, textures, against closed forms.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
 use std::fs;
 use std::path::PathBuf;
 

@@ -1,13 +1,9 @@
 //! The builder: shape, evenness, watertightness, and where the maps' features come out.
 
-#![allow(clippy::unwrap_used, reason = "a helper that fails fails its test")]
-
-mod common;
-
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::{Path, PathBuf};
 
-use common::{direction, load_bytes, look, png8, png16};
+use crate::common::{direction, load_bytes, look, png8, png16};
 use retina_model::{AlbedoSource, Body, BuildSpec, BuiltBody, Relief, build_body};
 
 const RADIUS_M: f64 = 1.7374e6;

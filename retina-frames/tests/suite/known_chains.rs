@@ -1,10 +1,6 @@
 //! Images made by known chains, explained: names and amplitudes come from the generator in `common`.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
-use common::{BALL, Ball, Case, Chain, PLAIN, lommel_seeliger, parameter};
+use crate::common::{BALL, Ball, Case, Chain, PLAIN, lommel_seeliger, parameter};
 use retina_diagnosis::{Verdict, fit};
 
 /// Pure noise under the right model: at most one of twenty is not adequate (level 3 %: two or more have a chance of

@@ -1,8 +1,6 @@
 //! Loading: indices, modes, transforms, textures, against closed forms.
 
-mod common;
-
-use common::{Draft, png8, png16};
+use crate::common::{Draft, png8, png16};
 use glam::{DVec3, Vec2, Vec3};
 use retina_model::{Wrap, load_body};
 use serde_json::json;

@@ -1,7 +1,5 @@
 //! Discs drawn by the area that they cover.
 
-#![allow(dead_code, reason = "each test binary uses a part of it")]
-
 use glam::{DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};

@@ -1,10 +1,6 @@
 //! Positions of discs whose outline is a closed form.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
-use common::{Disc, add_noise, distance_squared};
+use crate::common::{Disc, add_noise, distance_squared};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};

@@ -1,7 +1,5 @@
 //! ICQ and DSK shapes of `validation/shape_fixtures.py`: an ellipsoid of 3, 2 and 1.5 km, DSK by CSPICE's dskw02.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 

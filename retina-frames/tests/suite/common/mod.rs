@@ -1,9 +1,6 @@
 //! Images of a sphere by a generator that shares nothing with the code under test: rays at 6 x 6 points a pixel,
 //! convolution by summing points, Poisson's noise, rounding.
 
-#![allow(dead_code, reason = "each file of tests uses a part")]
-#![allow(clippy::unwrap_used, reason = "a helper of tests alone")]
-
 use std::path::{Path, PathBuf};
 
 use rand::SeedableRng as _;

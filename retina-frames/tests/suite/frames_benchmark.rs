@@ -1,11 +1,7 @@
 //! Frames with a hidden effect, by the generator in `common`: how often the workbench finds it. Strengths are the effect's
 //! rms over the lit disc in units of the noise there, beside what is fitted always.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
-use common::{BALL, Ball, Case, Chain, PLAIN, WIDTH, photograph};
+use crate::common::{BALL, Ball, Case, Chain, PLAIN, WIDTH, photograph};
 use retina_diagnosis::Verdict;
 
 /// All of it where this variable is set; otherwise a small part.

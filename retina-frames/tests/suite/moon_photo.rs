@@ -1,8 +1,6 @@
 //! A real photograph of the Moon (andrepiz/abram, CC BY-SA 4.0), which lies beside the repository in `../shared`, or
 //! nowhere: then nothing is tested, and the test says so.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
 use std::path::{Path, PathBuf};
 
 use retina_diagnosis::DiagnoseOptions;

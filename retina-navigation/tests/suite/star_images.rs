@@ -1,7 +1,5 @@
 //! Whole images, good and bad: solved or refused, never wrong.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
 use glam::{DQuat, DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};

@@ -1,10 +1,6 @@
 //! Tables of frames that do not fit, by their messages.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
-use common::{BALL, Case, PLAIN};
+use crate::common::{BALL, Case, PLAIN};
 
 fn refusal(change: impl Fn(&Case)) -> String {
     let case = Case::new(&[(BALL, PLAIN)], 1);

@@ -1,6 +1,4 @@
 //! A writer of small GLB files, independent of the crate's own, and a ray through a body.
-#![allow(dead_code, unreachable_pub, reason = "each test binary uses its own part")]
-#![allow(clippy::unwrap_used, reason = "a helper that fails fails its test")]
 
 use glam::{DVec3, Vec2};
 use retina_files::InputError;
@@ -9,16 +7,16 @@ use serde_json::{Value, json};
 
 /// A glTF document being put together.
 #[derive(Clone)]
-pub struct Draft {
-    pub json: Value,
-    pub bin: Vec<u8>,
+pub(crate) struct Draft {
+    pub(crate) json: Value,
+    pub(crate) bin: Vec<u8>,
 }
 
-pub const FLOAT: u32 = 5126;
+pub(crate) const FLOAT: u32 = 5126;
 
 impl Draft {
     /// One node with one mesh of one primitive without attributes yet.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let json = json!({
             "asset": { "version": "2.0" },
             "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
@@ -29,7 +27,7 @@ impl Draft {
     }
 
     /// A right-angled tetrahedron of volume 1/6, wound outwards; indices of the given type.
-    pub fn tetrahedron(index_type: Option<u32>) -> Self {
+    pub(crate) fn tetrahedron(index_type: Option<u32>) -> Self {
         let corners = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let faces = [0u32, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3];
         let mut draft = Self::new();
@@ -43,11 +41,11 @@ impl Draft {
         draft
     }
 
-    pub fn primitive(&mut self) -> &mut Value {
+    pub(crate) fn primitive(&mut self) -> &mut Value {
         &mut self.json["meshes"][0]["primitives"][0]
     }
 
-    pub fn view(&mut self, bytes: &[u8]) -> usize {
+    pub(crate) fn view(&mut self, bytes: &[u8]) -> usize {
         let offset = self.bin.len();
         self.bin.extend_from_slice(bytes);
         self.bin.resize(self.bin.len().next_multiple_of(4), 0);
@@ -56,20 +54,20 @@ impl Draft {
         views.len() - 1
     }
 
-    pub fn accessor(&mut self, bytes: &[u8], kind: u32, count: usize, shape: &str) -> usize {
+    pub(crate) fn accessor(&mut self, bytes: &[u8], kind: u32, count: usize, shape: &str) -> usize {
         let view = self.view(bytes);
         let accessors = self.json["accessors"].as_array_mut().unwrap();
         accessors.push(json!({ "bufferView": view, "componentType": kind, "count": count, "type": shape }));
         accessors.len() - 1
     }
 
-    pub fn attribute<const N: usize>(&mut self, name: &str, values: &[[f32; N]]) {
+    pub(crate) fn attribute<const N: usize>(&mut self, name: &str, values: &[[f32; N]]) {
         let bytes: Vec<u8> = values.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
         let index = self.accessor(&bytes, FLOAT, values.len(), &format!("VEC{N}"));
         self.primitive()["attributes"][name] = json!(index);
     }
 
-    pub fn indices(&mut self, indices: &[u32], kind: u32) {
+    pub(crate) fn indices(&mut self, indices: &[u32], kind: u32) {
         let size = match kind {
             5121 => 1,
             5123 => 2,
@@ -81,7 +79,7 @@ impl Draft {
     }
 
     /// A material with the PNG as its base colour.
-    pub fn texture(&mut self, png: &[u8]) {
+    pub(crate) fn texture(&mut self, png: &[u8]) {
         let view = self.view(png);
         self.json["images"] = json!([{ "bufferView": view, "mimeType": "image/png" }]);
         self.json["textures"] = json!([{ "source": 0 }]);
@@ -89,7 +87,7 @@ impl Draft {
         self.primitive()["material"] = json!(0);
     }
 
-    pub fn glb(&self) -> Vec<u8> {
+    pub(crate) fn glb(&self) -> Vec<u8> {
         let mut document = self.json.clone();
         document["buffers"] = json!([{ "byteLength": self.bin.len() }]);
         let mut text = document.to_string().into_bytes();
@@ -107,13 +105,13 @@ impl Draft {
         out
     }
 
-    pub fn load(&self) -> Result<Body, InputError> {
+    pub(crate) fn load(&self) -> Result<Body, InputError> {
         load_bytes(&self.glb())
     }
 }
 
 /// Loads a file of these bytes.
-pub fn load_bytes(bytes: &[u8]) -> Result<Body, InputError> {
+pub(crate) fn load_bytes(bytes: &[u8]) -> Result<Body, InputError> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("body.glb");
     std::fs::write(&path, bytes).unwrap();
@@ -121,12 +119,12 @@ pub fn load_bytes(bytes: &[u8]) -> Result<Body, InputError> {
 }
 
 /// A grey PNG of 8 bits.
-pub fn png8(width: u32, pixels: &[u8]) -> Vec<u8> {
+pub(crate) fn png8(width: u32, pixels: &[u8]) -> Vec<u8> {
     png(width, pixels, image::ExtendedColorType::L8, pixels.len())
 }
 
 /// A grey PNG of 16 bits.
-pub fn png16(width: u32, pixels: &[u16]) -> Vec<u8> {
+pub(crate) fn png16(width: u32, pixels: &[u16]) -> Vec<u8> {
     let bytes: Vec<u8> = pixels.iter().flat_map(|p| p.to_ne_bytes()).collect();
     png(width, &bytes, image::ExtendedColorType::L16, pixels.len())
 }
@@ -141,13 +139,13 @@ fn png(width: u32, bytes: &[u8], kind: image::ExtendedColorType, pixels: usize) 
 }
 
 /// Unit direction of a longitude and latitude.
-pub fn direction(longitude_deg: f64, latitude_deg: f64) -> DVec3 {
+pub(crate) fn direction(longitude_deg: f64, latitude_deg: f64) -> DVec3 {
     let (lon, lat) = (longitude_deg.to_radians(), latitude_deg.to_radians());
     DVec3::new(lat.cos() * lon.cos(), lat.cos() * lon.sin(), lat.sin())
 }
 
 /// Where the ray from the centre leaves the body: radius in metres, relative albedo.
-pub fn look(body: &Body, ray: DVec3) -> (f64, f64) {
+pub(crate) fn look(body: &Body, ray: DVec3) -> (f64, f64) {
     for (t, triangle) in body.triangles.iter().enumerate() {
         let [a, b, c] = body.corners_m(t);
         let weights = [b.cross(c), c.cross(a), a.cross(b)].map(|n| n.dot(ray));

@@ -1,10 +1,6 @@
 //! Damaged, lying and unsupported files: an error that names the part, never a panic.
 
-#![allow(clippy::unwrap_used, reason = "a helper that fails fails its test")]
-
-mod common;
-
-use common::{Draft, load_bytes, png8};
+use crate::common::{Draft, load_bytes, png8};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 

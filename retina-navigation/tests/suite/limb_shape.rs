@@ -1,12 +1,8 @@
 //! A body whose own silhouette is fitted: two spheres that overlap, traced ray by ray.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
 use std::sync::Arc;
 
-use common::{add_noise, distance_squared};
+use crate::common::{add_noise, distance_squared};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};

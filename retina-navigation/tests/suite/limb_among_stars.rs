@@ -1,10 +1,6 @@
 //! The Moon among stars in one image: attitude, focal length and the camera's place together.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
-use common::{Disc, add_noise, distance_squared};
+use crate::common::{Disc, add_noise, distance_squared};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng as _;

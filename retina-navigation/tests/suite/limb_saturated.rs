@@ -1,10 +1,6 @@
 //! Limbs that are saturated in part: saturated pixels say "at least full scale" and no more.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
-mod common;
-
-use common::{Disc, add_noise};
+use crate::common::{Disc, add_noise};
 use glam::DVec2;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};

@@ -1,7 +1,5 @@
 //! A real photograph of the Moon by the facility's camera model, where its folder is at hand.
 
-#![allow(clippy::unwrap_used, reason = "a test may fail")]
-
 use std::path::Path;
 
 use glam::{DMat3, DVec2, DVec3};
