@@ -204,14 +204,18 @@ def run_cycles(plan, folder, mesh_file, textures):
         (folder / "jobs.json").write_text(json.dumps(spec))
         command = ["blender", "-b", "--factory-startup", "-P", str(script), "--", str(folder / "jobs.json")]
         with open(folder / "blender.log", "w") as log:
-            process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+            process = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=common.blender_env()
+            )
             for line in process.stdout:
                 log.write(line)
                 if line.startswith("CYCLES-JOB"):
                     say("  ", line.strip())
             code = process.wait()
         if code != 0 or not all(map(done, jobs)):
-            common.fail(f"Blender ended with {code}; see {folder / 'blender.log'}")
+            log = (folder / "blender.log").read_text()
+            mend = "; its Python has no numpy: apt-get install python3-numpy" if "named 'numpy'" in log else ""
+            common.fail(f"Blender ended with {code}{mend}; see {folder / 'blender.log'}")
     return {Path(job["out"]).stem: json.loads(Path(job["out"] + ".json").read_text()) for job in jobs}
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import struct
 import subprocess
 import sys
@@ -320,3 +321,11 @@ def read_exr(path):
     """Channels by name, float32 arrays of height x width."""
     with OpenEXR.File(str(path), separate_channels=True) as file:
         return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+
+
+def blender_env():
+    """The environment for Blender: it looks for its Python's libraries beside the first `python3` of PATH, which pyenv or
+    a virtual environment may have put there."""
+    blender = shutil.which("blender")
+    before = [str(Path(blender).resolve().parent)] if blender else []
+    return dict(os.environ, PATH=os.pathsep.join([*before, os.environ.get("PATH", os.defpath)]))

@@ -11,6 +11,7 @@ frame agrees within the limits below; 1: not; 2 bad input or failure. See docs/c
 import argparse
 import json
 import math
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -156,6 +157,8 @@ def main():
         ["blender", "-b", "--python-exit-code", "2", "-P", __file__, "--", str(job_file)],
         check=True,
         stdout=subprocess.DEVNULL,
+        # Blender looks for its Python's libraries beside the first `python3` of PATH.
+        env=dict(os.environ, PATH=os.pathsep.join(["/usr/bin", os.environ.get("PATH", os.defpath)])),
     )
     frames = out / "retina"
     command = [arguments.retina, "render", "--corto", arguments.scenario, "--out", frames]

@@ -22,7 +22,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
 ASSETS = ROOT / "assets" / "optics"
-TESTS = ROOT / "crates" / "retina-optics" / "tests" / "data"
+TESTS = ROOT / "retina-optics" / "tests" / "data"
 SYSTEMS = [
     ASSETS / "reference-1.0fc-wide.toml",
     ASSETS / "reference-1.3fc-wide.toml",

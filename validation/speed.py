@@ -147,9 +147,12 @@ def run(command, **options):
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, **options)
     if done.returncode != 0:
         say(done.stderr[-2000:])
-        say(f"speed: `{command[0]}` ended with {done.returncode}")
-        sys.exit(2)
+        raise Failed(f"`{command[0]}` ended with {done.returncode}")
     return done.stdout
+
+
+class Failed(Exception):
+    """A program ended with an error."""
 
 
 def cargo(part):
@@ -167,53 +170,57 @@ def machine():
     return f"{os.cpu_count()} processors ({model.group(1) if model else platform.machine()}), {vectors}"
 
 
-def measured(parts):
+def measured(part):
     rows = []
-    for part in parts:
-        text = run(cargo(part))
-        for figure in part.figures:
-            value = figure.found("\n" + text)
-            if value is None:
-                say(f"speed: `{part.program}` did not say: {figure.name}")
-                continue
-            rows.append(
-                {
-                    "part": part.name,
-                    "what": figure.name,
-                    "found": value,
-                    "unit": figure.unit,
-                    "target": figure.target,
-                    "times_reached": figure.times_reached(value),
-                    "command": " ".join(cargo(part)),
-                }
-            )
+    text = run(cargo(part))
+    for figure in part.figures:
+        value = figure.found("\n" + text)
+        if value is None:
+            say(f"speed: `{part.program}` did not say: {figure.name}")
+            continue
+        rows.append(
+            {
+                "part": part.name,
+                "what": figure.name,
+                "found": value,
+                "unit": figure.unit,
+                "target": figure.target,
+                "times_reached": figure.times_reached(value),
+                "command": " ".join(cargo(part)),
+            }
+        )
     return rows
+
+
+def left_out(why):
+    say(f"speed: {why}")
+    return []
 
 
 def cycles():
     """Blender Cycles against `default`, both of them rendered now."""
     python = ROOT / "validation/.venv/bin/python"
     if not shutil.which("blender") or not python.exists():
-        return say("speed: Blender Cycles is left out: `blender` and validation/setup.sh are needed")
+        return left_out("Blender Cycles is left out: `blender` and validation/setup.sh are needed")
     run([python, "validation/bench_cycles.py", "--quick", "--no-cpu", "--fresh"])
     report = json.loads((ROOT / "out/bench-cycles-quick/map/report.json").read_text())
     ratio = next(value for name, value in report["speed_ratios"].items() if "wall" in name and "Cycles 64" in name)
-    errors = {name: value["all"]["rms"] / value["all"]["mean_reference"] for name, value in report["errors"].items()}
+    errors = {name: value["rms"] / value["mean_reference"] for name, value in report["errors"].items()}
     text = ", ".join(f"{name} {1e2 * error:.2f} %" for name, error in errors.items())
-    return {"what": "Moon of 1024 x 1024, Cycles with 64 samples over `default`", "ratio": ratio, "note": f"errors: {text}"}
+    return [{"what": "Moon of 1024 x 1024, Cycles with 64 samples over `default`", "ratio": ratio, "note": f"errors: {text}"}]
 
 
 def optiland(rows):
     """Optiland's rays a second of processor time against the widest vectors."""
     python = ROOT / "out/venv-optics/bin/python"
     if not python.exists():
-        return say("speed: Optiland is left out: out/venv-optics is needed (validation/README.md)")
+        return left_out("Optiland is left out: out/venv-optics is needed (validation/README.md)")
     text = run([python, "validation/optics_optiland.py", "--speed"])
     own = max((row["found"] for row in rows if row["part"] == "optics"), default=None)
     peer = re.search(r"wide: Optiland (\S+) rays", text)
     if own is None or peer is None:
-        return say("speed: no rate to hold Optiland's against")
-    return {"what": "rays x surfaces, RETINA over Optiland (numpy)", "ratio": own / float(peer.group(1)), "note": ""}
+        return left_out("no rate to hold Optiland's against")
+    return [{"what": "rays x surfaces, RETINA over Optiland (numpy)", "ratio": own / float(peer.group(1)), "note": ""}]
 
 
 def table(report):
@@ -236,14 +243,25 @@ def main():
     parser.add_argument("--only", choices=[part.name for part in PARTS], help="one part alone")
     parser.add_argument("--out", type=Path, default=ROOT / "out/speed", help="default: out/speed")
     arguments = parser.parse_args()
-    rows = measured([part for part in PARTS if arguments.only in (None, part.name)])
-    peers = [row for row in (cycles(), optiland(rows)) if row] if arguments.peers else []
-    report = {"schema": "retina.speed/1", "machine": machine(), "peers": peers, "rows": rows}
+    report = {"schema": "retina.speed/1", "machine": machine(), "peers": [], "rows": []}
+    failed = False
+    steps = [lambda part=part: measured(part) for part in PARTS if arguments.only in (None, part.name)]
+    steps = [("rows", step) for step in steps]
+    if arguments.peers:
+        steps += [("peers", cycles), ("peers", lambda: optiland(report["rows"]))]
+    # What one program cannot do does not cost what the others have measured.
+    for kind, step in steps:
+        try:
+            report[kind] += step()
+        except Failed as failure:
+            say(f"speed: {failure}")
+            failed = True
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "report.json").write_text(json.dumps(report, indent=1) + "\n")
     (arguments.out / "report.md").write_text(table(report) + "\n")
     print(table(report))
+    return 2 if failed else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
