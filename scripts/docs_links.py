@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Checks that the documentation is complete, puts a book's sources together, and checks the links of the built book.
 
-Standard library only. Links between the sources are a test of the command (retina-cli/tests/docs.rs).
+Standard library only. Links between the sources are a test of the command (retina-cli/tests/command/docs.rs).
 
     docs_links.py check        SUMMARY.md names each page, a reference has every key that the code reads, a picture has
                                words and a page that shows it
