@@ -153,8 +153,8 @@ impl State {
             && spent_h >= budget_h
         {
             return Err(self.refused(format!(
-                "has shone {spent_h:.1} h near column {}, row {}: its burn-in budget of {budget_h} h \
-                 (`screen.limits.budget_h`) is spent there. Use another display with a log of its own, or raise the budget",
+                "has shone near column {}, row {} for all of its burn-in budget of {budget_h} h \
+                 (`screen.limits.budget_h`). Use another display with a log of its own, or raise the budget",
                 at_px[0], at_px[1]
             )));
         }
@@ -224,8 +224,10 @@ impl Screen for Guarded {
             && spent_h > 0.9 * budget_h
         {
             remarks.push(format!(
-                "{spent_h:.1} h of its burn-in budget of {budget_h} h are spent near column {}, row {}",
-                at_px[0], at_px[1]
+                "{:.0} % of its burn-in budget of {budget_h} h are spent near column {}, row {}",
+                100.0 * spent_h / budget_h,
+                at_px[0],
+                at_px[1]
             ));
         }
         remarks
