@@ -93,6 +93,8 @@ pub(crate) struct Prepared<'a> {
     /// Where each tile's triangles begin in `binned`; one more than there are tiles.
     starts: Vec<u32>,
     binned: Vec<Binned>,
+    /// Of each tile: see [`Prepared::night`].
+    nights: Vec<Option<u32>>,
 }
 
 impl<'a> Prepared<'a> {
@@ -103,6 +105,7 @@ impl<'a> Prepared<'a> {
         region: Region,
         contrast: f64,
         level: Level,
+        layers: bool,
     ) -> Self {
         let placed = (0..state.bodies.len())
             .map(|body| Placed::new(state, arrays, &photometry[body], body, contrast))
@@ -114,7 +117,7 @@ impl<'a> Prepared<'a> {
         let tiles = region.size.map(|side| side.div_ceil(TILE));
         let (starts, binned) = bin(arrays, &projected, region, tiles, state.distortion.is_some());
         let reference_depth_m = state.bodies.first().map_or(0.0, |body| body.position_camera_m.z);
-        Self {
+        let mut frame = Self {
             arrays,
             state,
             region,
@@ -127,7 +130,13 @@ impl<'a> Prepared<'a> {
             tiles,
             starts,
             binned,
-        }
+            nights: Vec::new(),
+        };
+        frame.nights = (0..frame.tile_count())
+            .into_par_iter()
+            .map(|tile| if layers { None } else { frame.find_night(tile) })
+            .collect();
+        frame
     }
 
     pub(crate) fn tile_count(&self) -> usize {
@@ -147,8 +156,13 @@ impl<'a> Prepared<'a> {
         &self.binned[self.starts[tile] as usize..self.starts[tile + 1] as usize]
     }
 
-    /// The body of a tile in which every triangle faces away from the Sun: nothing there has light. `None` elsewhere.
+    /// The body of a tile in which every triangle faces away from the Sun: nothing there has light. `None` elsewhere, and where
+    /// planes beside the light are wanted.
     pub(crate) fn night(&self, tile: usize) -> Option<u32> {
+        self.nights[tile]
+    }
+
+    fn find_night(&self, tile: usize) -> Option<u32> {
         let triangles = self.triangles(tile);
         let body_of = |triangle: u32| {
             self.arrays.ranges.partition_point(|range| range.triangle_first <= triangle).saturating_sub(1)

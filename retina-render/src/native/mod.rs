@@ -89,13 +89,14 @@ impl NativeRenderer {
         };
         let Some(region) = placing::region(state, &self.arrays.ranges) else { return image };
         let (sampling, level) = (&self.sampling, self.level);
-        let frame = Prepared::new(&self.arrays, &self.photometry, state, region, sampling.contrast, level);
         let layers = self.planes == Planes::Layers;
+        let (arrays, photometry) = (&self.arrays, &self.photometry);
+        let frame = Prepared::new(arrays, photometry, state, region, sampling.contrast, level, layers);
         let tiles: Vec<Vec<Pixel>> = (0..frame.tile_count())
             .into_par_iter()
             .map_init(TileWork::default, |work, tile| work.first_pass(&frame, tile, sampling, layers))
             .collect();
-        let lists = list(&frame, &tiles, layers);
+        let lists = list(&frame, &tiles);
         let refined: Vec<Vec<(u32, Pixel)>> = lists
             .par_iter()
             .enumerate()
@@ -150,7 +151,7 @@ enum Listing {
 }
 
 /// For each tile the pixels that the second pass takes.
-fn list(frame: &Prepared<'_>, tiles: &[Vec<Pixel>], layers: bool) -> Vec<Vec<Listed>> {
+fn list(frame: &Prepared<'_>, tiles: &[Vec<Pixel>]) -> Vec<Vec<Listed>> {
     let [width, height] = frame.region.size;
     let (wide, high) = (width as usize, height as usize);
     // What neighbours are asked for, by rows of the region.
@@ -173,7 +174,7 @@ fn list(frame: &Prepared<'_>, tiles: &[Vec<Pixel>], layers: bool) -> Vec<Vec<Lis
         .map(|index| {
             let tile = frame.tile(index);
             let mut out = Vec::new();
-            if frame.triangles(index).is_empty() || (!layers && frame.night(index).is_some()) {
+            if frame.triangles(index).is_empty() || frame.night(index).is_some() {
                 return out;
             }
             for (local, pixel) in (0u32..).zip(&tiles[index]) {

@@ -177,7 +177,7 @@ impl TileWork {
         if triangles.is_empty() {
             return vec![Pixel::SKY; width * height];
         }
-        if !layers && let Some(body) = frame.night(index) {
+        if let Some(body) = frame.night(index) {
             return vec![Pixel::night(body); width * height];
         }
         let reference = Reference::of(frame, &tile);
