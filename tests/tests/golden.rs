@@ -327,6 +327,17 @@ fn the_native_renderer_gives_the_same_bytes_on_every_processor() {
     assert!(native.portable().render(&state) == first, "{instructions} and portable instructions differ");
 }
 
+/// Without planes beside the light the night is not shaded; the day must not change by that.
+#[test]
+fn the_night_is_left_out_and_nothing_else() {
+    let (models, state) = ([model("moon", moon(), lunar())], moon_close_up());
+    let [light, all] = [Planes::Radiance, Planes::Layers]
+        .map(|planes| NativeRenderer::new(&models, Quality::Default, planes).render(&state));
+    let mean = all.radiance().iter().sum::<f32>() / all.radiance().len() as f32;
+    let worst = light.radiance().iter().zip(all.radiance()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(mean > 0.0 && worst < 1e-3 * mean, "{worst} of {mean}");
+}
+
 #[test]
 fn the_same_bytes_again() {
     let Some(gpu) = GpuDevice::open_for_test() else { return };
