@@ -231,7 +231,7 @@ fn laid_out(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
         let scores: Vec<f64> = frame.scores(&columns).iter().map(Score::deviate).collect();
         // Robust weights throw a series out whose level is wrong, and with it the form that would explain it.
         let off = if effect.id == WHOLE_GROUP {
-            outlying(data, &robust_fit(data, &base).residual).map(|off| off.group)
+            outlying(data, &robust_fit(data, &base)).map(|off| off.group)
         } else {
             None
         };

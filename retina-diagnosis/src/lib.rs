@@ -23,6 +23,7 @@ mod field;
 mod figure;
 mod fit;
 mod flips;
+mod floor;
 mod formula;
 mod headline;
 mod json;

@@ -8,6 +8,7 @@ use glam::DVec2;
 
 use crate::data::{Dataset, Group};
 use crate::field::Field;
+use crate::floor;
 use crate::linear::{cholesky, dot, gram_lower, least_squares, matrix};
 use crate::series::median;
 
@@ -99,6 +100,12 @@ pub(crate) fn robust_fit(data: &Dataset, columns: &[Vec<f64>]) -> RobustFit {
     let mut weights = Weights::equal(rows, 1.0);
     let steady = steady_columns(data, columns);
     let mut residual = data.y.clone();
+    if let Some(expected) =
+        floor::expected(data, &data.y.iter().map(|y| y.abs()).collect::<Vec<f64>>(), &weights.outlier)
+    {
+        weights.weight = expected.iter().map(|e| e.powi(-2)).collect();
+        weights.sigma = expected;
+    }
     for round in 0..ROUNDS {
         if FIELD_ROUNDS.contains(&round) && data.field().is_some_and(|field| !field.modes.is_empty()) {
             weights.field_size = weights.likeliest_field_size(data, columns);
@@ -307,7 +314,14 @@ impl Weights {
             median_of_normal: MEDIAN_LENGTH[n - 1],
             least: data.least_noise(),
         };
-        self.sigma = groups.sigmas(&data.noise_key, &length, &self.outlier);
+        self.sigma = match floor::expected(data, &length, &self.outlier) {
+            Some(expected) => {
+                let scaled: Vec<f64> = length.iter().zip(&expected).map(|(l, e)| l / e).collect();
+                let sigmas = groups.sigmas(&data.noise_key, &scaled, &self.outlier);
+                sigmas.iter().zip(&expected).map(|(sigma, e)| sigma * e).collect()
+            }
+            None => groups.sigmas(&data.noise_key, &length, &self.outlier),
+        };
         for row in 0..length.len() {
             let t = length[row] / self.sigma[row];
             self.outlier[row] = t > OUTLIER_SIGMAS;

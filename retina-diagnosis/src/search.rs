@@ -279,8 +279,7 @@ pub(crate) fn prepare<'a>(data: &'a Dataset, added: &[AddedEffect]) -> (Vec<Prep
 /// The effect whose forms are one group each, with the group whose level is most off.
 fn whole_group(data: &Dataset, base: &[Vec<f64>], prepared: &[Prepared<'_>]) -> Option<(usize, Outlying)> {
     let index = prepared.iter().position(|p| p.effect.id == WHOLE_GROUP)?;
-    let error = crate::noise::robust_fit(data, base).residual;
-    Some((index, outlying(data, &error)?))
+    Some((index, outlying(data, &robust_fit(data, base))?))
 }
 
 /// All candidates with p-values and held-out errors, best first.

@@ -2,7 +2,8 @@
 //! held against the other groups' (F. E. Grubbs, Annals of Mathematical Statistics 21, 1950): under normal levels the
 //! deviate has Student's distribution, and the most deviating of G groups is corrected for their number.
 
-use crate::data::Dataset;
+use crate::data::{Dataset, Group};
+use crate::noise::RobustFit;
 
 /// Fewest groups: of two that differ none is the one that is off.
 const FEWEST: usize = 3;
@@ -25,9 +26,15 @@ pub(crate) struct Outlying {
     pub(crate) offset: f64,
 }
 
-/// The group whose median error deviates most from the others'. `error` has one component a row.
-pub(crate) fn outlying(data: &Dataset, error: &[f64]) -> Option<Outlying> {
-    let levels: Vec<f64> = data.groups.iter().map(|group| median(&error[group.rows.clone()])).collect();
+/// The group whose median error deviates most from the others'. `fit` is of one component a row; dim rows, whose noise is
+/// larger, count less.
+pub(crate) fn outlying(data: &Dataset, fit: &RobustFit) -> Option<Outlying> {
+    let level = |group: &Group| {
+        let rows = group.rows.clone();
+        let weighted = fit.residual[rows.clone()].iter().zip(&fit.weights.sigma[rows]);
+        weighted_median(weighted.map(|(error, sigma)| (*error, 1.0 / sigma)).collect())
+    };
+    let levels: Vec<f64> = data.groups.iter().map(level).collect();
     let count = levels.len();
     if count < FEWEST {
         return None;
@@ -55,6 +62,18 @@ pub(crate) fn median(values: &[f64]) -> f64 {
     sorted.sort_by(f64::total_cmp);
     let middle = sorted.len() / 2;
     if sorted.len() % 2 == 1 { sorted[middle] } else { 0.5 * (sorted[middle - 1] + sorted[middle]) }
+}
+
+/// The value with half of the weights at and below it.
+fn weighted_median(mut values: Vec<(f64, f64)>) -> f64 {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f64>();
+    let mut below = 0.0;
+    let reaches_half = |(_, weight): &&(f64, f64)| {
+        below += weight;
+        below >= half
+    };
+    values.iter().find(reaches_half).map_or(0.0, |(value, _)| *value)
 }
 
 /// Probability that Student's t with `free` degrees of freedom is further from 0 than `t`, by integrating

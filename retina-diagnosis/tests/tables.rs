@@ -20,6 +20,11 @@ fn normal(random: &mut ChaCha8Rng) -> f64 {
 
 /// Readings of lit squares: an effect is what the meter shows for true relative light and its setting.
 fn power(seed: u64, meter: &dyn Fn(f64, f64, f64, &str) -> f64) -> String {
+    power_above(seed, 0.0, meter)
+}
+
+/// The same by a meter with so much noise in the dark, relative light.
+fn power_above(seed: u64, floor: f64, meter: &dyn Fn(f64, f64, f64, &str) -> f64) -> String {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut text = String::from("channel,digital_count,square_px,irradiance_w_m2,series\n");
     for series in 0..24 {
@@ -28,8 +33,9 @@ fn power(seed: u64, meter: &dyn Fn(f64, f64, f64, &str) -> f64) -> String {
                 let side = [20.0, 60.0, 100.0, 200.0][(series + count as usize) % 4];
                 let share = if channel == "w" { 1.0 } else { 1.0 / 3.0 };
                 let light = side * side * share * (count / 255.0).powf(2.2);
-                let shown = meter(light, side, count, channel) * 2.1e-9;
-                let value = shown * (1.0 + 0.004 * normal(&mut random));
+                let shown = meter(light, side, count, channel) * (1.0 + 0.004 * normal(&mut random));
+                let dark = if floor > 0.0 { floor * normal(&mut random) } else { 0.0 };
+                let value = (shown + dark) * 2.1e-9;
                 let _ = writeln!(text, "{channel},{count},{side},{value:e},s{series}");
             }
         }
@@ -67,6 +73,29 @@ fn effects_on_power_are_named_or_in_the_set() {
     }
     let data = dataset(&setup, &power(6, &|light, _, _, _| light));
     assert_eq!(diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 }).verdict, Verdict::Adequate);
+}
+
+/// The dimmest readings are a tenth of the meter's noise in the dark, the brightest 6000 times as bright as that. They are
+/// no outliers, and the effects are found as without them.
+#[test]
+fn readings_below_the_meters_noise_are_no_outliers() {
+    let setup = setup();
+    let found = |seed: u64, meter: &dyn Fn(f64, f64, f64, &str) -> f64| {
+        let data = dataset(&setup, &power_above(seed, 7.0, meter));
+        let found = diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 });
+        println!("{} {:?} {}", found.verdict.name(), found.accepted, found.outliers);
+        found
+    };
+    for seed in 0..6 {
+        let null = found(seed, &|light, _, _, _| light);
+        assert_eq!(null.verdict, Verdict::Adequate, "seed {seed}");
+        // Of 480 normal errors none is beyond 4.5 sigma.
+        assert!(null.outliers <= 2, "{}", null.outliers);
+    }
+    let gamma = found(9, &|light, _, count, _| light * (count / 255.0f64).powf(0.06));
+    assert!(gamma.indistinguishable.contains(&"gamma") && gamma.accepted.len() == 1);
+    let zero = found(9, &|light, _, _, _| light + 5.0);
+    assert!(zero.indistinguishable.contains(&"meter_zero") && zero.accepted.len() == 1);
 }
 
 /// Allen's law of the Moon, V = -12.73 + 0.026 |a| + 4e-9 a^4 (deg), is no Lambert sphere: a phase function is missing.
