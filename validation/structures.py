@@ -61,7 +61,7 @@ def structure(random, kind, scale, places):
     return out / np.sqrt((out**2).mean())
 
 
-def table(path, seed, rows=2000, exposures=40, kind=None, scale=0.0, strength=0.0, jitter=0.3, air=0.0, mount=0.0):
+def table(path, seed, rows=2000, exposures=40, kind=None, scale=0.0, strength=0.0, jitter=0.3, air=0.0, mount=0.0, correlation=0.7):
     random = np.random.default_rng(seed)
     places = random.uniform([340, 20], [1580, 1180], (rows, 2))
     counts = random.choice([18, 32, 60, 110, 180, 255], rows)
@@ -75,7 +75,7 @@ def table(path, seed, rows=2000, exposures=40, kind=None, scale=0.0, strength=0.
         wander = np.zeros((exposures, 2))
         for k in range(exposures):
             before = wander[k - 1] if k else random.normal(size=2)
-            wander[k] = 0.7 * before + np.sqrt(1 - 0.49) * random.normal(size=2)
+            wander[k] = correlation * before + np.sqrt(1 - correlation**2) * random.normal(size=2)
         off += mount * NOISE * wander[exposure]
     if air > 0:
         for k in range(exposures):
@@ -105,6 +105,8 @@ def cases(seeds):
             yield "null", dict(seed=1000 + number)
             yield "null, air of 1 sigma", dict(seed=2000 + number, air=1.0)
             yield "null, wandering mount of 1 sigma", dict(seed=3000 + number, mount=1.0)
+            yield "null, wandering mount, correlation 0.9", dict(seed=7000 + number, mount=1.0, correlation=0.9)
+            yield "null, wandering mount, correlation 0.97", dict(seed=8000 + number, mount=1.0, correlation=0.97)
             yield "null, 5 exposures of 200", dict(seed=4000 + number, rows=1000, exposures=5)
             yield "null, 3 exposures with air", dict(seed=5000 + number, rows=1200, exposures=3, air=1.0)
         for kind in ["ripple", "smooth", "dents"]:
