@@ -8,7 +8,8 @@ the nulls' own shares.
 
     python validation/nulls.py --retina target/release/retina --out DIR [--calibrations 20] [--nulls 80] [--beside 2]
 
-Needs nothing but Python. Photographs and diagnoses are kept; `--again` calibrates and diagnoses anew, as after a change.
+Needs nothing but Python. Photographs and diagnoses are kept; `--again` calibrates and diagnoses anew, as after a
+change.
 """
 
 import argparse
@@ -64,7 +65,8 @@ def main():
     def photographed(seed, exposures):
         folder = a.out / f"photographs-{seed}"
         if not (folder / "points.csv").exists():
-            run(a.retina, "simulate", "points", "--setup", SETUP, "--seed", seed, "--exposures", exposures, "--out", folder)
+            run(a.retina, "simulate", "points", "--setup", SETUP, "--seed", seed, "--exposures", exposures,
+                "--out", folder)
         return folder / "points.csv"
 
     tables = []
