@@ -61,7 +61,8 @@ def structure(random, kind, scale, places):
     return out / np.sqrt((out**2).mean())
 
 
-def table(path, seed, rows=2000, exposures=40, kind=None, scale=0.0, strength=0.0, jitter=0.3, air=0.0, mount=0.0, correlation=0.7):
+def table(path, seed, rows=2000, exposures=40, kind=None, scale=0.0, strength=0.0, jitter=0.3, air=0.0, mount=0.0,
+          correlation=0.7):
     random = np.random.default_rng(seed)
     places = random.uniform([340, 20], [1580, 1180], (rows, 2))
     counts = random.choice([18, 32, 60, 110, 180, 255], rows)

@@ -7,26 +7,23 @@
 use retina_formats::TableKind;
 
 use crate::data::Dataset;
+use crate::noise::{MEDIAN_LENGTH, OUTLIER_SIGMAS};
 use crate::series::median;
 
-/// Median size of a normal error in sigmas.
-const MEDIAN_SIZE: f64 = 0.674_49;
-/// Beyond so many sigmas the loss no longer grows.
-const MOST_SIGMAS: f64 = 4.5;
 /// Lights at which floor and share are equal are tried at this ratio of one another.
 const RATIO: f64 = 1.5;
 /// ln of the likelihood by which a floor has to be likelier than none: a parameter's two standard errors.
 const LEAST_GAIN: f64 = 2.0;
 
-/// For each row the noise that is expected of it, in units of a share that all rows have; `None` of tables that are no
-/// readings of a power meter. `length` are the rows' errors.
-pub(crate) fn expected(data: &Dataset, length: &[f64], outlier: &[bool]) -> Option<Vec<f64>> {
+/// The noise that is expected of each row, in units that all rows share; 1 where the table holds no readings of a power
+/// meter. `length` are the sizes of the rows' errors. Errors beyond the limit of outliers all count alike.
+pub(crate) fn expected(data: &Dataset, length: &[f64], outlier: &[bool]) -> Vec<f64> {
     if data.kind != TableKind::Power {
-        return None;
+        return vec![1.0; data.len()];
     }
     if let Some(stated) = &data.stated {
         let level = median(stated);
-        return Some(stated.iter().map(|sigma| sigma / level).collect());
+        return stated.iter().map(|sigma| sigma / level).collect();
     }
     let dark = data.values("per_irradiance");
     let mut rows: Vec<usize> = (0..data.len()).filter(|&row| !outlier[row]).collect();
@@ -38,9 +35,9 @@ pub(crate) fn expected(data: &Dataset, length: &[f64], outlier: &[bool]) -> Opti
     let shape = |equal: f64, row: usize| 1.0_f64.hypot(dark[row] / equal);
     let loss = |equal: f64| -> f64 {
         let scaled: Vec<f64> = rows.iter().map(|&row| length[row] / shape(equal, row)).collect();
-        let sigma = (median(&scaled) / MEDIAN_SIZE).max(data.least_noise());
+        let sigma = (median(&scaled) / MEDIAN_LENGTH[0]).max(data.least_noise());
         let each = |(&row, scaled): (&usize, &f64)| {
-            shape(equal, row).ln() + sigma.ln() + 0.5 * (scaled / sigma).min(MOST_SIGMAS).powi(2)
+            shape(equal, row).ln() + sigma.ln() + 0.5 * (scaled / sigma).min(OUTLIER_SIGMAS).powi(2)
         };
         rows.iter().zip(&scaled).map(each).sum()
     };
@@ -53,5 +50,5 @@ pub(crate) fn expected(data: &Dataset, length: &[f64], outlier: &[bool]) -> Opti
         }
         equal /= RATIO;
     }
-    Some((0..data.len()).map(|row| shape(best.0, row)).collect())
+    (0..data.len()).map(|row| shape(best.0, row)).collect()
 }

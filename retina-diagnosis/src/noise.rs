@@ -13,9 +13,9 @@ use crate::linear::{cholesky, dot, gram_lower, least_squares, matrix};
 use crate::series::median;
 
 /// Rows further off than this many sigmas are outliers: of a normal error in the plane 4e-5, on a line 7e-6.
-const OUTLIER_SIGMAS: f64 = 4.5;
+pub(crate) const OUTLIER_SIGMAS: f64 = 4.5;
 /// Median length of a normal error in sigmas of one axis, for one and two components.
-const MEDIAN_LENGTH: [f64; 2] = [0.674_49, 1.177_41];
+pub(crate) const MEDIAN_LENGTH: [f64; 2] = [0.674_49, 1.177_41];
 /// Tukey's constant for 95 % efficiency, for one and two components.
 const TUKEY: [f64; 2] = [4.685, 5.1];
 const ROUNDS: usize = 8;
@@ -100,12 +100,9 @@ pub(crate) fn robust_fit(data: &Dataset, columns: &[Vec<f64>]) -> RobustFit {
     let mut weights = Weights::equal(rows, 1.0);
     let steady = steady_columns(data, columns);
     let mut residual = data.y.clone();
-    if let Some(expected) =
-        floor::expected(data, &data.y.iter().map(|y| y.abs()).collect::<Vec<f64>>(), &weights.outlier)
-    {
-        weights.weight = expected.iter().map(|e| e.powi(-2)).collect();
-        weights.sigma = expected;
-    }
+    let size: Vec<f64> = data.y.iter().map(|y| y.abs()).collect();
+    weights.sigma = floor::expected(data, &size, &weights.outlier);
+    weights.weight = weights.sigma.iter().map(|sigma| sigma.powi(-2)).collect();
     for round in 0..ROUNDS {
         if FIELD_ROUNDS.contains(&round) && data.field().is_some_and(|field| !field.modes.is_empty()) {
             weights.field_size = weights.likeliest_field_size(data, columns);
@@ -314,14 +311,10 @@ impl Weights {
             median_of_normal: MEDIAN_LENGTH[n - 1],
             least: data.least_noise(),
         };
-        self.sigma = match floor::expected(data, &length, &self.outlier) {
-            Some(expected) => {
-                let scaled: Vec<f64> = length.iter().zip(&expected).map(|(l, e)| l / e).collect();
-                let sigmas = groups.sigmas(&data.noise_key, &scaled, &self.outlier);
-                sigmas.iter().zip(&expected).map(|(sigma, e)| sigma * e).collect()
-            }
-            None => groups.sigmas(&data.noise_key, &length, &self.outlier),
-        };
+        let expected = floor::expected(data, &length, &self.outlier);
+        let scaled: Vec<f64> = length.iter().zip(&expected).map(|(length, e)| length / e).collect();
+        self.sigma = groups.sigmas(&data.noise_key, &scaled, &self.outlier);
+        self.sigma.iter_mut().zip(&expected).for_each(|(sigma, e)| *sigma *= e);
         for row in 0..length.len() {
             let t = length[row] / self.sigma[row];
             self.outlier[row] = t > OUTLIER_SIGMAS;

@@ -75,8 +75,8 @@ fn effects_on_power_are_named_or_in_the_set() {
     assert_eq!(diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 }).verdict, Verdict::Adequate);
 }
 
-/// The dimmest readings are a tenth of the meter's noise in the dark, the brightest 6000 times as bright as that. They are
-/// no outliers, and the effects are found as without them.
+/// The meter's noise in the dark is ten times the dimmest reading, and a 6000th of the brightest. Dim readings are no
+/// outliers, and effects are found as by a meter without that noise.
 #[test]
 fn readings_below_the_meters_noise_are_no_outliers() {
     let setup = setup();
