@@ -20,6 +20,8 @@ from scipy import ndimage
 
 import common
 from common import say
+from cycles_errors import Piece, against_whole_discs, errors, reference_noise
+from cycles_table import print_table
 
 FULL = (1920, 1200)
 SQUARE = (1024, 1024)
@@ -317,21 +319,7 @@ def retina_timings(plan, folder, model, binary):
     return timings
 
 
-# --- errors ------------------------------------------------------------------------------------
-
-
-@dataclass
-class Piece:
-    """One crop: the reference, its two halves, coverage, and which pixels are near the limb."""
-
-    phase_deg: int
-    place: str
-    box: list
-    reference: np.ndarray
-    half_difference: np.ndarray
-    alpha: np.ndarray
-    limb: np.ndarray
-    interior: np.ndarray
+# --- images ------------------------------------------------------------------------------------
 
 
 def load_pieces(plan, folder):
@@ -361,86 +349,6 @@ def load_pieces(plan, folder):
     return pieces
 
 
-def cut(image, box):
-    x, y, width, height = box
-    return image[y : y + height, x : x + width].astype(np.float64)
-
-
-def rms(values):
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")
-
-
-def shift_px(differences):
-    """The shift that explains most of the differences, to first order: a check of the pose."""
-    slopes, values = [], []
-    for difference, piece in differences:
-        down, along = np.gradient(piece.reference)
-        inner = piece.interior
-        slopes.append(np.stack([along[inner], down[inner]], axis=1))
-        values.append(difference[inner])
-    fit = np.linalg.lstsq(np.concatenate(slopes), -np.concatenate(values), rcond=None)[0]
-    return [float(v) for v in fit]
-
-
-def errors(pieces, images):
-    """Errors of one renderer against the reference, all crops pooled; `images` by phase as
-    (I/F, coverage) of the whole frame."""
-    pairs = [(cut(images[p.phase_deg][0], p.box), cut(images[p.phase_deg][1], p.box), p) for p in pieces]
-    inside = [(value[p.interior], p.reference[p.interior]) for value, _, p in pairs]
-    product = sum(float((v * r).sum()) for v, r in inside)
-    gain = product / sum(float((v * v).sum()) for v, _ in inside)
-    differences = [(gain * value - p.reference, p) for value, _, p in pairs]
-    mean = mean_reference(pieces)
-
-    def pooled(select):
-        return np.concatenate([d[select(p)] for d, p in differences])
-
-    everything = pooled(lambda p: p.limb | p.interior)
-    magnitude = np.abs(everything)
-    coverage = np.concatenate([(c - p.alpha)[p.limb] for _, c, p in pairs])
-    return {
-        "gain": gain,
-        "shift_px": shift_px(differences),
-        "rms": rms(everything),
-        "rms_interior": rms(pooled(lambda p: p.interior)),
-        "rms_limb": rms(pooled(lambda p: p.limb)),
-        "percentiles": {str(q): float(np.percentile(magnitude, q)) for q in (50, 90, 95, 99, 99.9)},
-        "max": float(magnitude.max()),
-        "mean_interior": float(pooled(lambda p: p.interior).mean()),
-        "mean_limb": float(pooled(lambda p: p.limb).mean()),
-        "rms_coverage_limb": rms(coverage),
-        "mean_coverage_limb": float(coverage.mean()),
-        "mean_reference": mean,
-        "pixels": len(everything),
-        "pixels_limb": len(coverage),
-        "by_crop": {
-            f"{p.phase_deg} {p.place}": {
-                "rms_interior": rms(d[p.interior]),
-                "rms_limb": rms(d[p.limb]),
-                "mean_reference": float(p.reference[p.interior | p.limb].mean()),
-            }
-            for d, p in differences
-        },
-    }
-
-
-def mean_reference(pieces):
-    return float(np.concatenate([p.reference[p.limb | p.interior] for p in pieces]).mean())
-
-
-def reference_noise(pieces):
-    """rms of half the difference of the reference's halves: the noise of their mean."""
-
-    def pooled(select):
-        return rms(np.concatenate([p.half_difference[select(p)] for p in pieces]))
-
-    return {
-        "rms": pooled(lambda p: p.limb | p.interior),
-        "rms_interior": pooled(lambda p: p.interior),
-        "rms_limb": pooled(lambda p: p.limb),
-    }
-
-
 def frame_images(run, phases, key="IF"):
     images = {}
     for k, phase in enumerate(phases):
@@ -457,21 +365,6 @@ def cycles_images(folder, plan, samples):
     return images
 
 
-def against_whole_discs(images, truth):
-    """rms and gain against another rendering, over all pixels of the body."""
-    value = np.concatenate([images[p][0][truth[p][1] > 0] for p in truth]).astype(np.float64)
-    other = np.concatenate([truth[p][0][truth[p][1] > 0] for p in truth]).astype(np.float64)
-    gain = float((value * other).sum() / (value * value).sum())
-    difference = np.abs(gain * value - other)
-    return {
-        "gain": gain,
-        "rms": rms(difference),
-        "percentiles": {str(q): float(np.percentile(difference, q)) for q in (50, 95, 99, 99.9)},
-        "max": float(difference.max()),
-        "mean_reference": float(other.mean()),
-    }
-
-
 # --- the table ---------------------------------------------------------------------------------
 
 
@@ -485,47 +378,6 @@ def cycles_timing(results, size, samples):
         "peak_mb": own[0]["peak_mb"],
         "load": [max(r["load"][0] for r in own), max(r["load"][1] for r in own)],
     }
-
-
-def print_table(variant, report):
-    print(f"\nMoon, {variant} albedo, Lambert, phases {', '.join(map(str, report['phases_deg']))} deg")
-    print("\nSeconds a frame (wall, files written; start-up apart)")
-    print(f"  {'':34}{'s/frame':>9}{'CPU s':>9}{'1st after':>10}{'frames':>8}{'peak MB':>9}{'load':>12}")
-    for name, t in report["timings"].items():
-        load = f"{t['load'][0]:.1f}-{t['load'][1]:.1f}"
-        times = f"{t['frame_s']:9.3f}{t['cpu_s']:9.3f}{t['first_frame_s']:10.2f}"
-        print(f"  {name:34}{times}{t['frames']:8}{t['peak_mb']:9.0f}{load:>12}")
-    for name, ratio in report["speed_ratios"].items():
-        print(f"  {name}: {ratio:.1f} times")
-    first = next(iter(report["errors"].values()))
-    mean = first["mean_reference"]
-    print(
-        f"\nError in I/F against Cycles at 2 x {report['reference_samples']} samples,"
-        f" % of the crops' mean I/F {mean:.4f}; {first['pixels']} pixels,"
-        f" {first['pixels_limb']} within 1 px of the limb"
-    )
-    print(
-        f"  {'':20}{'gain':>9}{'all':>8}{'inside':>8}{'limb':>8}{'p50':>8}{'p95':>8}{'p99':>8}{'max':>8}"
-        f"{'coverage':>10}{'shift px':>17}"
-    )
-    for name, e in report["errors"].items():
-        q = e["percentiles"]
-        values = [e["rms"], e["rms_interior"], e["rms_limb"], q["50"], q["95"], q["99"], e["max"]]
-        cells = "".join(f"{100 * v / mean:8.3f}" for v in values)
-        shift = " ".join(f"{v:+.4f}" for v in e["shift_px"])
-        print(f"  {name:20}{e['gain']:9.5f}{cells}{e['rms_coverage_limb']:10.5f}{shift:>17}")
-    noise = report["reference_noise"]
-    cells = "".join(f"{100 * noise[k] / mean:8.3f}" for k in ("rms", "rms_interior", "rms_limb"))
-    print(f"  {'(reference noise)':20}{'':9}{cells}")
-    if report["whole_discs"]:
-        print("\nWhole discs, against `retina --backend cpu --quality best`, % of their mean I/F")
-        print(f"  {'':20}{'gain':>9}{'all':>8}{'p50':>8}{'p95':>8}{'p99':>8}{'max':>8}")
-        for name, e in report["whole_discs"].items():
-            q = e["percentiles"]
-            cells = "".join(
-                f"{100 * v / e['mean_reference']:8.3f}" for v in (e["rms"], q["50"], q["95"], q["99"], e["max"])
-            )
-            print(f"  {name:20}{e['gain']:9.5f}{cells}")
 
 
 def bench(variant, plan, out):

@@ -4,7 +4,7 @@ use crate::added::{AddedEffect, adjusted};
 use crate::data::{ARCSEC_PER_RAD, Dataset};
 use crate::decode::{Decoded, decode};
 use crate::flips::Flips;
-use crate::noise::Weights;
+use crate::noise::{Weights, lost_groups, robust_fit};
 use crate::scatter::{Noise, noise};
 use crate::score::Frame;
 use crate::screens::{screen_p_values, screens};
@@ -82,7 +82,8 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
     if let Some(noise) = &scatter {
         noise.apply(&mut screened.data);
     }
-    let frame = Frame::fitted(&screened.data, &screened.base);
+    let first = robust_fit(&screened.data, &screened.base);
+    let frame = Frame::with_outliers_cut(&screened.data, &screened.base, &first);
     let all = screens(&frame);
     let flips = Flips::draw(&screened.data, FLIPS, 1);
     let p = screen_p_values(&all, &flips);
@@ -92,8 +93,8 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
     }
     let data = &adjusted.data;
     let n = data.components();
-    let fit = crate::noise::robust_fit(data, &adjusted.base);
-    notes.extend(crate::noise::lost_groups(data, &fit.weights));
+    let fit = robust_fit(data, &adjusted.base);
+    notes.extend(lost_groups(data, &fit.weights));
     notes.extend(Together::of(data, &fit.residual, &fit.weights).map(|together| together.note()));
     let total: f64 = frame.error.iter().map(|e| e * e).sum();
     let mut order: Vec<usize> = (0..all.len()).collect();

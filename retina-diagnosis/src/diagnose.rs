@@ -167,10 +167,10 @@ fn search(
         found.take_out(idle, &baseline);
     };
     let noise = Noise::beside(scatter, data, &fit);
-    let frame = Frame::weighted(data, &found.base, fit.weights.clone());
+    let frame = Frame::with_outliers_cut(data, &found.base, &fit);
     let levels = [found.level(LEVEL_FIRST[1], LEVEL_LATER[1]), LEVEL_LATER[1]];
     let mut unexplained = unexplained(&frame, levels, FLOOR_NOISE, &flips);
-    let together = Together::of(data, &fit.residual, &frame.weights);
+    let together = Together::of(data, &fit.residual, &fit.weights);
     if let Some(together) = together {
         notes.push(together.note());
         for name in ["x", "y"] {
@@ -179,8 +179,8 @@ fn search(
             }
         }
     }
-    let outliers = frame.weights.outlier.iter().filter(|out| **out).count();
-    let insufficient = too_little(data, &noise, &frame.weights);
+    let outliers = fit.weights.outlier.iter().filter(|out| **out).count();
+    let insufficient = too_little(data, &noise, &fit.weights);
     let verdict = Verdict::of(Findings {
         structure: !unexplained.covariates.is_empty(),
         nothing: found.accepted.is_empty(),
@@ -188,7 +188,7 @@ fn search(
         outliers: too_many_outliers(data, outliers),
         too_little: insufficient.is_some(),
     });
-    notes.extend(crate::noise::lost_groups(data, &frame.weights));
+    notes.extend(crate::noise::lost_groups(data, &fit.weights));
     notes.extend(unexplained.weak.as_ref().map(|weak| {
         let within = weak.width_px.map_or_else(String::new, |px| format!(" within {px:.0} {}", data.px_name()));
         format!(
@@ -200,7 +200,7 @@ fn search(
     let mut next =
         found.sets.iter().zip(&found.accepted).find(|(set, _)| set.len() > 1).and_then(|(set, own)| {
             let members: Vec<&'static Effect> = set.iter().map(|&i| prepared[i].effect).collect();
-            propose(data, &frame.weights, prepared[own.index].effect, own.variant, &members)
+            propose(data, &fit.weights, prepared[own.index].effect, own.variant, &members)
         });
     if verdict == Verdict::Undecided
         && let Some((why, instead)) = insufficient
@@ -209,7 +209,7 @@ fn search(
         next = Some(instead);
     }
     let ranking = found.first_ranking.take().unwrap_or_default();
-    let mut candidates = candidates(data, &baseline, &prepared, ranking, &frame.weights, &found.accepted);
+    let mut candidates = candidates(data, &baseline, &prepared, ranking, &fit.weights, &found.accepted);
     if let Some((index, outlying)) = &found.group {
         let candidate = group_candidate(prepared[*index].effect.name(), outlying, steps[0].heldout_rms);
         let first = found.accepted.first().is_some_and(|a| a.index == *index);
@@ -221,7 +221,7 @@ fn search(
             indistinguishable.push(prepared[i].effect.name());
         }
     }
-    let (accounts, physical) = quantities(data, &baseline, &prepared, &found.accepted, &frame.weights);
+    let (accounts, physical) = quantities(data, &baseline, &prepared, &found.accepted, &fit.weights);
     notes.extend(found.accepted.iter().zip(&physical).filter_map(|(own, physical)| {
         let physical = physical.as_ref().filter(|p| p.value.abs() < CLEAR_SIGMAS * p.sigma)?;
         Some(format!(

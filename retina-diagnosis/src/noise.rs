@@ -1,5 +1,7 @@
 //! Weights: noise as a function of brightness, a common error of each group, outliers.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use rayon::prelude::*;
 use retina_calibration::NoiseGroups;
 
@@ -40,6 +42,65 @@ pub(crate) struct RobustFit {
     /// y minus the columns.
     pub(crate) residual: Vec<f64>,
     pub(crate) weights: Weights,
+}
+
+/// Most values of a column that are looked at one by one for outliers, and fewest rows with such a value.
+const MOST_VALUES: usize = 12;
+const FEWEST_ALIKE: usize = 5;
+
+impl RobustFit {
+    /// Weights and data in which outliers that have a value in common count again: more than half of the rows of a channel,
+    /// or of one size of squares, are no accident. Their errors are cut to the largest of rows that are none, so that
+    /// they show and do not outweigh the others. `None` where there are none. Groups that are off as a whole stay out.
+    pub(crate) fn outliers_cut(&self, data: &Dataset) -> Option<(Weights, Vec<f64>)> {
+        let alike = self.alike(data);
+        if alike.is_empty() {
+            return None;
+        }
+        let n = data.kind.components();
+        let (mut weights, mut y) = (self.weights.clone(), data.y.clone());
+        for row in alike {
+            let error = &self.residual[row * n..(row + 1) * n];
+            let largest = OUTLIER_SIGMAS * weights.sigma[row].hypot(weights.jitter_variance.sqrt());
+            let over = 1.0 - (largest / dot(error, error).sqrt()).min(1.0);
+            y[row * n..(row + 1) * n].iter_mut().zip(error).for_each(|(y, e)| *y -= over * e);
+            weights.weight[row] = weights.sigma[row].powi(-2);
+            weights.outlier[row] = false;
+        }
+        Some((weights, y))
+    }
+
+    /// Outliers that share a value of a column with rows of which more than half are outliers.
+    fn alike(&self, data: &Dataset) -> BTreeSet<usize> {
+        let out = |row: &usize| self.weights.outlier[*row];
+        let whole = |group: &&Group| group.rows.clone().all(|row| out(&row));
+        let rows: Vec<usize> = data
+            .groups
+            .iter()
+            .filter(|group| !data.jitters || !whole(group))
+            .flat_map(|group| group.rows.clone())
+            .collect();
+        let mut found = BTreeSet::new();
+        for covariate in &data.covariates {
+            let mut with_value: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
+            for &row in &rows {
+                with_value.entry(covariate.values[row].to_bits()).or_default().push(row);
+                if with_value.len() > MOST_VALUES {
+                    break;
+                }
+            }
+            if !(2..=MOST_VALUES).contains(&with_value.len()) {
+                continue;
+            }
+            for rows in with_value.values().filter(|rows| rows.len() >= FEWEST_ALIKE) {
+                let outliers: Vec<usize> = rows.iter().copied().filter(out).collect();
+                if 2 * outliers.len() > rows.len() {
+                    found.extend(outliers);
+                }
+            }
+        }
+        found
+    }
 }
 
 impl Weights {

@@ -100,10 +100,22 @@ impl<'d> Frame<'d> {
 
     /// The base under weights that are given.
     pub(crate) fn weighted(data: &'d Dataset, base: &[Vec<f64>], weights: Weights) -> Self {
+        Self::of_values(data, base, weights, &data.y)
+    }
+
+    /// The base under the weights of its fit; outliers that have something in common count with errors that are cut.
+    pub(crate) fn with_outliers_cut(data: &'d Dataset, base: &[Vec<f64>], fit: &RobustFit) -> Self {
+        match fit.outliers_cut(data) {
+            Some((weights, y)) => Self::of_values(data, base, weights, &y),
+            None => Self::weighted(data, base, fit.weights.clone()),
+        }
+    }
+
+    fn of_values(data: &'d Dataset, base: &[Vec<f64>], weights: Weights, y: &[f64]) -> Self {
         let mut basis = Basis::spanning(&weights.whitened_field(data));
         let whitening = weights.whitening(data);
         let columns: Vec<Vec<f64>> = base.iter().map(|column| whitening.of(column)).collect();
-        let y = whitening.of(&data.y);
+        let y = whitening.of(y);
         basis.push_all(&basis.side_by_side(y.len()), &columns);
         Self::of(data, weights, basis, y)
     }

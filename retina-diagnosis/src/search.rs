@@ -229,7 +229,7 @@ impl<'a> Search<'a> {
     pub(crate) fn step(&mut self) -> bool {
         let level = self.level(LEVEL_FIRST[0], LEVEL_LATER[0]);
         let (data, prepared) = (self.data, self.prepared);
-        let frame = self.frame();
+        let frame = Frame::with_outliers_cut(data, &self.base, self.fits.of(&self.base));
         let ranking = rank(&frame, prepared, &self.excluded, self.flips);
         // An unexplained effect that groups have in common is taken for jitter at first, and looks weak beside it.
         let Some(best) = pick(&ranking, level, 0.0, &frame.held_out(&[])) else {

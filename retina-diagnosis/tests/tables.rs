@@ -98,6 +98,28 @@ fn readings_below_the_meters_noise_are_no_outliers() {
     assert!(zero.indistinguishable.contains(&"meter_zero") && zero.accepted.len() == 1);
 }
 
+/// White light reads 4 % less than the sum of the channels, ten times the noise: all of its readings are far from what the
+/// others say, and yet they are the effect, also where they are few.
+#[test]
+fn a_channel_that_is_far_off_is_no_accident() {
+    let setup = setup();
+    let all = power(7, &|light, _, _, channel| light * if channel == "w" { 0.96 } else { 1.0 });
+    for keep in [1, 6] {
+        let mut white = 0;
+        let mut kept = |line: &&str| {
+            white += usize::from(line.starts_with("w,"));
+            !line.starts_with("w,") || white % keep == 0
+        };
+        let lines: Vec<&str> = all.lines().filter(&mut kept).collect();
+        let data = dataset(&setup, &lines.join("\n"));
+        let found = diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 });
+        println!("{} of {}: {:?} {}", lines.len(), data.len(), found.accepted, found.outliers);
+        assert_eq!(found.verdict, Verdict::Named, "{:?}", found.unexplained);
+        assert_eq!(found.accepted, ["channel_nonadditivity"]);
+        assert!(found.outliers <= 2, "{}", found.outliers);
+    }
+}
+
 /// Allen's law of the Moon, V = -12.73 + 0.026 |a| + 4e-9 a^4 (deg), is no Lambert sphere: a phase function is missing.
 #[test]
 fn the_moons_phase_law_is_a_phase_function() {

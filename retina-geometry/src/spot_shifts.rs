@@ -7,7 +7,7 @@ pub const RADIAL_KNOTS: usize = 25;
 /// Depths of the display whose effect is tabulated, mm: bright cores do not move in proportion to the depth.
 pub const DEPTHS_MM: [f64; 4] = [-0.1, -0.02, 0.02, 0.1];
 /// Comas whose effect is tabulated, mm at half the camera's width.
-pub const COMAS_MM: [f64; 6] = [-1e-3, -3e-4, -1e-4, 1e-4, 3e-4, 1e-3];
+pub const COMAS_MM: [f64; 8] = [-1e-3, -5.5e-4, -3e-4, -1e-4, 1e-4, 3e-4, 5.5e-4, 1e-3];
 
 /// What depth of the display and coma of the objective shift spots by, and where lines of sight meet the display, of a
 /// facility that is symmetric about its axis. With r the tangent of the line of sight and z the depth away from the lenses:

@@ -347,7 +347,7 @@ fn coma_moves_spots_as_the_workbench_has_it() {
     };
     let tangent = |seen: [f64; 2]| pinhole.line_of_sight(glam::DVec2::from(seen)).length();
     let without = with_coma(0.0);
-    for (coma, limit) in [(3, 0.2), (4, 0.1), (5, 0.07)] {
+    for (coma, limit) in [(4, 0.2), (5, 0.1), (7, 0.07)] {
         let path_mm = retina_geometry::COMAS_MM[coma];
         let pairs: Vec<[f64; 2]> = without
             .iter()

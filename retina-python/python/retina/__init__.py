@@ -28,6 +28,7 @@ from ._duck import time_s
 from ._effects import Effect, OwnEffect, effects
 from ._ephemeris import Ephemeris, SeenBody
 from ._errors import RetinaError, RetinaWarning
+from ._findings import Candidate, Comparison, Diagnosis, Fit, Formula, Investigation
 from ._frames import Frame, Renderer, Scene
 from ._images import Detection, detect
 from ._limb import LimbSolution, fit_limb
@@ -36,18 +37,7 @@ from ._notebook import Figure
 from ._optics import Crossings, Mtf, OpticalSystem, Psf, Rays, Spots
 from ._setup import Pinhole, Setup
 from ._stars import StarSolution, StarSolver, solve_stars
-from ._workbench import (
-    Candidate,
-    Comparison,
-    Diagnosis,
-    Fit,
-    Formula,
-    Investigation,
-    compare,
-    diagnose,
-    fit,
-    investigate,
-)
+from ._workbench import compare, diagnose, fit, investigate
 
 __all__ = [
     "Bench",
