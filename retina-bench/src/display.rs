@@ -1,5 +1,7 @@
 //! The OLED: digital counts to the light of sub-pixels.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 use retina_geometry::Setup;
 
@@ -98,10 +100,12 @@ impl Display {
         [0, 1].map(|k| (at_px[k] - f64::from(self.size_px[k]) / 2.0) * self.pitch_mm[k])
     }
 
-    /// Standard deviation of a white pixel's light about its centre, the mean of the two axes, mm: three sub-pixels side by
-    /// side, each a box.
-    pub(crate) fn emission_sigma_mm(&self) -> f64 {
-        let stripes = self.stripe_px.iter().map(|shift| shift * shift).sum::<f64>() / 3.0;
+    /// Standard deviation of a pixel's light about its middle, the mean of the two axes, mm: the sub-pixels of the lit
+    /// channels side by side, each a box.
+    pub(crate) fn emission_sigma_mm(&self, lit: Range<usize>) -> f64 {
+        let lit = &self.stripe_px[lit];
+        let middle = lit.iter().sum::<f64>() / lit.len() as f64;
+        let stripes = lit.iter().map(|shift| (shift - middle).powi(2)).sum::<f64>() / lit.len() as f64;
         let [x, y] = self.emission_px.map(|extent| extent * extent / 12.0);
         let variances = [(x + stripes) * self.pitch_mm[0].powi(2), y * self.pitch_mm[1].powi(2)];
         (0.5 * (variances[0] + variances[1])).sqrt()

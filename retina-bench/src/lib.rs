@@ -25,8 +25,8 @@ pub use display::{Display, ScreenImage, SubPixel};
 pub use error::BenchError;
 pub use imperfections::{GroupOffset, Imperfections, Objective, ScreenPlacement};
 pub use optics::{
-    BenchOptics, CameraPose, ExposurePose, Landed, OpticsDetail, PointImage, SceneLight, Source,
-    channel_lines, facility_system, spot_shifts,
+    BenchOptics, CameraPose, ExposurePose, Landed, OpticsDetail, PointImage, SceneLight, Source, SpotTracer,
+    channel_lines, facility_system,
 };
 pub use prediction::Prediction;
 pub use sensor::Sensor;

@@ -83,7 +83,7 @@ fn a_tilted_screen_is_a_keystone() {
     assert!(bend_px.abs() < 0.2 * mean_px.abs(), "a change of scale: {bend_px} {mean_px}");
     let tan = (straight.land_px([1750.0, 600.0], 1, &exposure).unwrap()[0] - 1024.0) * 3.45e-3 / 25.0;
     let depth_mm = straight.display().mm([1750.0, 600.0])[0] * 0.1f64.to_radians().sin();
-    let rays = retina_bench::spot_shifts(&setup, 0.175, false).unwrap();
+    let rays = retina_bench::SpotTracer::new(&setup, 0.175, 0..3).unwrap().shifts(false).unwrap();
     let expected_px = (depth_mm * tan * rays.tangent_per_depth(tan, 0.0) * 25.0 / 3.45e-3).abs();
     // Green alone, where the table has three colours. A chief ray moves twice as far.
     assert!((mean_px.abs() / expected_px - 1.0).abs() < 0.25, "{mean_px} {expected_px}");

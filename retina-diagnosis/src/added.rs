@@ -8,11 +8,11 @@ use retina_formats::EffectId;
 
 use crate::catalogue::{Effect, effects, wide};
 use crate::data::Dataset;
-use crate::depth::moved_by_added;
 use crate::effect_file::EffectOfFile;
 use crate::linear::{Basis, dot, solve_positive};
 use crate::noise::robust_fit;
 use crate::own::{OwnEffect, evaluate, readable_columns};
+use crate::retraced::retraced_by_added;
 use crate::score::{Frame, Score};
 use crate::search::{REFINED, WHOLE_GROUP, likeliest};
 use crate::series::outlying;
@@ -190,13 +190,25 @@ pub(crate) const SECOND_ORDERS: &str = ".own_";
 /// Levenberg-Marquardt's turns.
 const TURNS: usize = 60;
 
-/// Fits the users' parameters and lays out all columns; those of a display that stands aside about its place.
+/// Most times that forms are made anew.
+const MOST_TRACES: usize = 6;
+
+/// Fits the users' parameters and lays out all columns; those of a display that stands aside, and of a strong coma, about
+/// what was found.
 pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
-    let first = laid_out(data, added);
-    match moved_by_added(data, added, &first) {
-        Some(moved) => laid_out(&moved, added),
-        None => first,
+    settled(data, added).1
+}
+
+/// The same, with the data whose forms are made about it; `None` where these are the given ones.
+pub(crate) fn settled(data: &Dataset, added: &[AddedEffect]) -> (Option<Dataset>, Adjusted) {
+    let mut about: Option<Dataset> = None;
+    let mut adjusted = laid_out(data, added);
+    for _ in 0..MOST_TRACES {
+        let Some(next) = retraced_by_added(about.as_ref().unwrap_or(data), added, &adjusted) else { break };
+        adjusted = laid_out(&next, added);
+        about = Some(next);
     }
+    (about, adjusted)
 }
 
 fn laid_out(data: &Dataset, added: &[AddedEffect]) -> Adjusted {

@@ -3,16 +3,16 @@
 use rayon::prelude::*;
 use retina_formats::EffectId;
 
-use crate::added::AddedEffect;
+use crate::added::{AddedEffect, settled};
 use crate::catalogue::Effect;
 use crate::data::Dataset;
-use crate::depth::moved;
 use crate::estimate::{Estimator, Implausible, Parameter, estimate, implausible};
 use crate::flips::Flips;
 use crate::kept::KeptEffect;
 use crate::next::{NextMeasurement, propose};
 use crate::noise::Weights;
 use crate::physical::{Physical, physical};
+use crate::retraced::retraced;
 use crate::scatter::{Noise, noise};
 use crate::score::Frame;
 use crate::search::{
@@ -43,6 +43,9 @@ impl Default for DiagnoseOptions {
 
 /// Most effects that are accepted.
 const MOST_ACCEPTED: usize = 4;
+
+/// Most times that the search is repeated with forms made anew.
+const MOST_SEARCHES: usize = 2;
 
 /// An effect that was tried.
 #[derive(Debug, Clone)]
@@ -108,12 +111,20 @@ const CLEAR_SIGMAS: f64 = 2.0;
 
 /// Diagnoses a table; `added` effects belong to the model already.
 pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions) -> Diagnosis {
-    let (found, parameters) = search(data, added, options, MOST_ACCEPTED, false);
-    let effects = parameters.iter().map(|(effect, own)| (*effect, own.as_slice()));
-    match moved(data, effects) {
-        Some(moved) => search(&moved, added, options, MOST_ACCEPTED, false).0,
-        None => found,
+    let (mut found, mut parameters) = search(data, added, options, MOST_ACCEPTED, false);
+    let mut about: Option<Dataset> = None;
+    for _ in 0..MOST_SEARCHES {
+        let effects = parameters.iter().map(|(effect, own)| (*effect, own.as_slice()));
+        let Some(mut next) = retraced(about.as_ref().unwrap_or(data), effects) else { break };
+        if next.found_coma.is_some() {
+            let accepted = found.accepted.iter().filter_map(|id| AddedEffect::read(id, data).ok());
+            let model: Vec<AddedEffect> = added.iter().cloned().chain(accepted).collect();
+            next = settled(&next, &model).0.unwrap_or(next);
+        }
+        (found, parameters) = search(&next, added, options, MOST_ACCEPTED, false);
+        about = Some(next);
     }
+    found
 }
 
 /// Looks for one effect alone, for models that are made anew with each effect. `later`: others were found before.

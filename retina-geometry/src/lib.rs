@@ -40,5 +40,7 @@ pub use limits::ScreenLimits;
 pub use pinhole::Pinhole;
 pub use rings::Rings;
 pub use setup::{CameraSetup, FacilitySetup, Intrinsics, ResponseSetup, ScreenSetup, Setup};
-pub use spot_shifts::{COMAS_MM, ComaShifts, DEPTHS_MM, RADIAL_KNOTS, RadialTable, SpotShifts};
+pub use spot_shifts::{
+    COMAS_MM, ComaForm, ComaShifts, ComaTracer, DEPTHS_MM, RADIAL_KNOTS, RadialTable, SpotShifts,
+};
 pub use warp::{WarpDirection, WarpMap};

@@ -1,5 +1,7 @@
 //! What the facility's lenses make of the display's depth and of coma, from its prescription.
 
+use std::fmt;
+
 use crate::cubic_shares;
 
 /// Places at which a [`RadialTable`] has values.
@@ -7,7 +9,7 @@ pub const RADIAL_KNOTS: usize = 25;
 /// Depths of the display whose effect is tabulated, mm: bright cores do not move in proportion to the depth.
 pub const DEPTHS_MM: [f64; 4] = [-0.1, -0.02, 0.02, 0.1];
 /// Comas whose effect is tabulated, mm at half the camera's width.
-pub const COMAS_MM: [f64; 8] = [-1e-3, -5.5e-4, -3e-4, -1e-4, 1e-4, 3e-4, 5.5e-4, 1e-3];
+pub const COMAS_MM: [f64; 10] = [-1e-3, -6e-4, -3.5e-4, -2e-4, -1e-4, 1e-4, 2e-4, 3.5e-4, 6e-4, 1e-3];
 
 /// What depth of the display and coma of the objective shift spots by, and where lines of sight meet the display, of a
 /// facility that is symmetric about its axis. With r the tangent of the line of sight and z the depth away from the lenses:
@@ -39,13 +41,33 @@ pub struct RadialTable {
 /// term (3 rho^2 - 2) rho cos phi. Bright cores do not move in proportion to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ComaShifts {
-    /// What coma that grows with the line of sight adds to it, over r / u and the coma, for each of [`COMAS_MM`] at u, half
-    /// the camera's width: tangents per mm.
-    pub tangent_per_coma: [RadialTable; COMAS_MM.len()],
-    /// What depth adds to that, 1/mm^2.
-    pub coma_per_depth: [RadialTable; COMAS_MM.len()],
+    /// Coma that grows with the line of sight, for each of [`COMAS_MM`].
+    pub growing: [ComaForm; COMAS_MM.len()],
     /// What weak coma that is the same all over the field adds, along the radius and across it: tangents per mm.
     pub tangent_per_even_coma: [RadialTable; 2],
+}
+
+/// What coma that grows with the line of sight does, about one value of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ComaForm {
+    /// The coma c at u, half the camera's width, mm.
+    pub coma_mm: f64,
+    /// What it adds to a line of sight, over r / u and c: tangents per mm.
+    pub tangent_per_coma: RadialTable,
+    /// What depth adds to that, 1/mm^2.
+    pub coma_per_depth: RadialTable,
+    /// What a little more coma adds beyond its share of `tangent_per_coma`: c times that table's derivative by c.
+    pub beyond_proportion: RadialTable,
+    /// What sub-pixels side by side add, where several are lit: to `tangent_per_coma`, times the cosine of the place's
+    /// azimuth from x and of twice the azimuth; and across the radius (from x towards y), times its sine and that of twice
+    /// the azimuth.
+    pub round: [RadialTable; 4],
+}
+
+/// Traces a facility anew with a coma that was found.
+pub trait ComaTracer: fmt::Debug + Send + Sync {
+    /// Its form at this coma (mm); `None` where the facility's rays do not arrive.
+    fn coma_form(&self, coma_mm: f64) -> Option<ComaForm>;
 }
 
 impl RadialTable {
@@ -56,6 +78,13 @@ impl RadialTable {
         // A parabola in r^2 through the next three.
         values[0] = 3.0 * (values[1] - values[2]) + values[3];
         Self { half_tan, values }
+    }
+
+    /// Of another table's values with this one's, place by place.
+    #[must_use]
+    pub fn with(&self, other: &Self, of: impl Fn(f64, f64) -> f64) -> Self {
+        let values = std::array::from_fn(|k| of(self.values[k], other.values[k]));
+        Self { half_tan: self.half_tan, values }
     }
 
     /// Tangent of a place.

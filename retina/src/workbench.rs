@@ -1,12 +1,14 @@
 //! What compare, diagnose, fit and investigate work on: a facility, its measurements and a model, checked against each other.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use retina_bench::{BenchError, SpotTracer};
 use retina_diagnosis::{AddedEffect, Baseline, Dataset, DiagnoseOptions, OwnEffect, Source};
 use retina_files::InputError;
 use retina_formats::{
-    Calibration, CalibrationFile, Measurements, PointsTable, RadiometricCalibration, TableKind,
+    Calibration, CalibrationFile, Channel, Measurements, PointsTable, RadiometricCalibration, TableKind,
 };
 use retina_frames::{FrameSet, FramesSource, diagnose_frames};
 use retina_geometry::{Setup, SpotShifts};
@@ -86,7 +88,7 @@ pub struct TableMaterial {
     pub data: Dataset,
     baseline: Baseline,
     /// The chief rays at the display, of points where the setup's lenses can be traced.
-    rays: Option<SpotShifts>,
+    lenses: Option<Lenses>,
 }
 
 impl TableMaterial {
@@ -102,8 +104,8 @@ impl TableMaterial {
             response: None,
             baseline: self.baseline,
         })?;
-        Ok(match self.rays {
-            Some(rays) => data.with_spot_shifts(rays),
+        Ok(match &self.lenses {
+            Some(lenses) => lenses.put_into(data),
             None => data,
         })
     }
@@ -208,31 +210,55 @@ impl Input {
             baseline,
         };
         let mut data = Dataset::new(&source)?;
-        let mut rays = None;
-        if matches!(tables, Measurements::Points(_)) {
+        let mut lenses = None;
+        if let Measurements::Points(points) = &tables {
             // Coma by itself is told from the lenses' own by a calibration alone.
-            match lenses(&setup, calibration.is_some()) {
-                Ok(traced) => rays = Some(traced),
+            match Lenses::traced(&setup, lit(points), calibration.is_some()) {
+                Ok(traced) => lenses = Some(traced),
                 Err(error) => data
                     .notes
                     .push(format!("effects of the display's place have their leading forms: {error}")),
             }
         }
-        if let Some(rays) = rays {
-            data = data.with_spot_shifts(rays);
+        if let Some(lenses) = &lenses {
+            data = lenses.put_into(data);
         }
-        Ok(TableMaterial { setup, tables, calibration, data, baseline, rays })
+        Ok(TableMaterial { setup, tables, calibration, data, baseline, lenses })
     }
 }
 
 /// What the facility's lenses make of the display's depth, and of coma.
-fn lenses(setup: &Setup, with_coma: bool) -> Result<SpotShifts, retina_bench::BenchError> {
-    let camera = setup.camera_pinhole();
-    let corner = glam::DVec2::new(
-        f64::from(camera.width_px) / camera.fx_px,
-        f64::from(camera.height_px) / camera.fy_px,
-    );
-    retina_bench::spot_shifts(setup, 0.5 * corner.length(), with_coma)
+struct Lenses {
+    shifts: SpotShifts,
+    /// Where coma is looked for.
+    tracer: Option<Arc<SpotTracer>>,
+}
+
+impl Lenses {
+    fn traced(setup: &Setup, lit: Range<usize>, with_coma: bool) -> Result<Self, BenchError> {
+        let camera = setup.camera_pinhole();
+        let corner = glam::DVec2::new(
+            f64::from(camera.width_px) / camera.fx_px,
+            f64::from(camera.height_px) / camera.fy_px,
+        );
+        let tracer = SpotTracer::new(setup, 0.5 * corner.length(), lit)?;
+        Ok(Self { shifts: tracer.shifts(with_coma)?, tracer: with_coma.then(|| Arc::new(tracer)) })
+    }
+
+    fn put_into(&self, data: Dataset) -> Dataset {
+        let data = data.with_spot_shifts(self.shifts);
+        match &self.tracer {
+            Some(tracer) => data.with_coma_tracer(Arc::clone(tracer) as _),
+            None => data,
+        }
+    }
+}
+
+/// The channels of a table's points; all of them where points differ.
+fn lit(points: &PointsTable) -> Range<usize> {
+    let mut channels = points.rows.iter().map(|row| row.channel);
+    let first = channels.next().unwrap_or_default();
+    if channels.all(|channel| channel == first) { first.lit() } else { Channel::W.lit() }
 }
 
 /// An effect that the model already has.

@@ -314,7 +314,7 @@ fn depth_moves_spots_as_the_workbench_has_it() {
         found(&Bench::new(&setup, &options).unwrap(), [255; 3])
     };
     let pinhole = setup.camera_pinhole();
-    let rays = crate::spot_shifts(&setup, 0.175, false).unwrap();
+    let rays = crate::SpotTracer::new(&setup, 0.175, 0..3).unwrap().shifts(false).unwrap();
     let focused = at_depth(0.0);
     let tangent = |seen: [f64; 2]| pinhole.line_of_sight(glam::DVec2::from(seen)).length();
     for (depth_mm, limit) in [(-0.1, 0.04), (0.02, 0.06), (0.1, 0.06)] {
@@ -339,7 +339,7 @@ fn coma_moves_spots_as_the_workbench_has_it() {
     let detail = OpticsDetail { lines: 1, ..OpticsDetail::default() };
     let pinhole = setup.camera_pinhole();
     let half_width = 0.5 * 2048.0 / pinhole.fx_px;
-    let rays = crate::spot_shifts(&setup, 0.175, true).unwrap().coma.unwrap();
+    let tracer = crate::SpotTracer::new(&setup, 0.175, 0..3).unwrap();
     let with_coma = |path_mm: f64| {
         let mut options = BenchOptions { detail, ..BenchOptions::default() };
         options.wrong.objective.coma_mm = path_mm / half_width;
@@ -347,15 +347,15 @@ fn coma_moves_spots_as_the_workbench_has_it() {
     };
     let tangent = |seen: [f64; 2]| pinhole.line_of_sight(glam::DVec2::from(seen)).length();
     let without = with_coma(0.0);
-    for (coma, limit) in [(4, 0.2), (5, 0.1), (7, 0.07)] {
-        let path_mm = retina_geometry::COMAS_MM[coma];
+    for (path_mm, limit) in [(1e-4, 0.2), (3e-4, 0.1), (1e-3, 0.07)] {
+        let form = retina_geometry::ComaTracer::coma_form(&tracer, path_mm).unwrap();
         let pairs: Vec<[f64; 2]> = without
             .iter()
             .zip(&with_coma(path_mm))
             .map(|(without, with)| {
                 let r = tangent(without.1);
                 let measured = (tangent(with.1) - r) / (path_mm * r / half_width);
-                [measured, rays.tangent_per_coma[coma].at(r)]
+                [measured, form.tangent_per_coma.at(r)]
             })
             .collect();
         let mean = [0, 1].map(|k| pairs.iter().map(|p| p[k]).sum::<f64>() / pairs.len() as f64);

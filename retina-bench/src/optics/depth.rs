@@ -1,20 +1,28 @@
 //! What the display's depth and the objective's coma do to where a detector finds spots.
 
+use std::f64::consts::PI;
+use std::ops::Range;
+
 use glam::{DMat2, DMat3, DVec2, DVec3};
 use rayon::prelude::*;
-use retina_geometry::{COMAS_MM, ComaShifts, DEPTHS_MM, RADIAL_KNOTS, RadialTable, Setup, SpotShifts};
+use retina_geometry::{
+    COMAS_MM, ComaForm, ComaShifts, ComaTracer, DEPTHS_MM, RADIAL_KNOTS, RadialTable, Setup, SpotShifts,
+};
 use retina_optics::facility::{
     COMA, KernelFrame, KernelGrid, SlopeFit, SpectralLine, WAVEFRONT_TERMS, Wavefront, clear_kernel,
 };
 use retina_optics::pupil::{PupilPoint, gaussian};
 use retina_optics::{Clipping, Launcher, OpticsError, RayBatch, Tracer};
 
-use super::facility_system;
 use super::windowed::windowed_in;
+use super::{channel_lines, facility_system};
+use crate::sensor::efficiency_of;
 use crate::{BenchError, Display};
 
 /// Depth over which the response to coma is taken, mm: that of the edge of a display tilted by a tenth of a degree.
 const COMA_DEPTH_MM: f64 = 0.02;
+/// Part of a coma by which it is changed for its derivative: bright cores move by steps that are finer than this.
+const COMA_STEP: f64 = 0.05;
 /// Half the even coma over which the response is taken, mm of path at the pupil's rim.
 const EVEN_COMA_MM: f64 = 1e-4;
 /// Rays over the pupil: they determine a wavefront.
@@ -23,81 +31,330 @@ const ARMS: usize = 22;
 /// Samples of an image a pixel, and how far it reaches, px.
 const PER_PX: usize = 4;
 const HALF_PX: usize = 10;
+/// Azimuths at which sub-pixels side by side are seen, from the display's x, rad.
+const AZIMUTHS: [f64; 5] = [0.0, 0.25 * PI, 0.5 * PI, 0.75 * PI, PI];
 /// Step of a line of sight for its derivatives, tangents.
 const STEP: f64 = 1e-4;
 
-/// What a setup's lenses make of the display's depth and of coma, by images of points at the channels' wavelengths, seen
-/// by a detector. `half_tan` is the largest line of sight's tangent. Coma takes most of the time, and is left out where it
-/// is not wanted.
-///
-/// # Errors
-/// As [`facility_system`]; a ray that does not arrive.
-pub fn spot_shifts(setup: &Setup, half_tan: f64, with_coma: bool) -> Result<SpotShifts, BenchError> {
-    let system = facility_system(setup)?;
-    let launcher = Launcher::new(&system)?;
-    let wavelength = &setup.screen.wavelength_nm;
-    let fans = [wavelength.r, wavelength.g, wavelength.b]
-        .map(|nm| Tracer::new(&system, nm, Clipping::Off).map(|tracer| (nm, tracer)))
-        .into_iter()
-        .collect::<Result<Vec<_>, _>>()?;
-    let pupil = gaussian(RINGS, ARMS, 0.0);
-    let spots = Spots {
-        pupil_radius_mm: launcher.ray([0.0; 2], [1.0, 0.0])?.position_mm.x,
-        launcher,
-        fans,
-        slopes: SlopeFit::new(&pupil.iter().map(|point| point.at).collect::<Vec<_>>()),
-        pupil,
-        focal_px: setup.camera_pinhole().fx_px,
-        half_width_tan: 0.5 * f64::from(setup.camera.width_px) / setup.camera_pinhole().fx_px,
-        display: Display::new(setup, 0),
-    };
-    let knots = (1..RADIAL_KNOTS)
-        .into_par_iter()
-        .map(|k| spots.response(RadialTable::place(half_tan, k), with_coma))
-        .collect::<Result<Vec<_>, _>>()?;
-    let table =
-        |of: &dyn Fn(&Response) -> f64| RadialTable::new(half_tan, std::array::from_fn(|k| of(&knots[k])));
-    let of_coma = |of: &dyn Fn(&ComaResponse) -> f64| table(&|knot| knot.coma.as_ref().map_or(0.0, of));
-    Ok(SpotShifts {
-        height_mm: heights(half_tan, &knots),
-        per_depth: std::array::from_fn(|k| table(&|knot| knot.per_depth[k])),
-        coma: with_coma.then(|| ComaShifts {
-            tangent_per_coma: std::array::from_fn(|k| of_coma(&|coma| coma.tangent_per_coma[k])),
-            coma_per_depth: std::array::from_fn(|k| of_coma(&|coma| coma.coma_per_depth[k])),
-            tangent_per_even_coma: [0, 1].map(|k| of_coma(&|coma| coma.tangent_per_even_coma[k])),
-        }),
-    })
+/// A facility as detectors see it: places of the display with the light that they send, from which follow what the
+/// display's depth and the objective's coma do ([`SpotShifts`]). By images of points at the lit channels' wavelengths, seen
+/// by a detector.
+#[derive(Debug)]
+pub struct SpotTracer {
+    half_tan: f64,
+    focal_px: f64,
+    /// Half the camera's width.
+    half_width_tan: f64,
+    emission: Emission,
+    /// From the first off the axis to the largest line of sight.
+    places: Vec<Place>,
 }
 
-/// What a place of the display shows.
-struct Response {
-    /// Tangent of the line of sight on which the detector finds it.
+/// A place of the display.
+#[derive(Debug)]
+struct Place {
+    /// Tangent of the line of sight on which its light is, on the average.
     tangent: f64,
-    /// Height on the display over it, mm.
+    /// Height on the display over the tangent of the line of sight on which the detector finds it, mm.
     height_over_tangent_mm: f64,
+    px_per_mm: f64,
+    /// Its light with the display where it is, and [`COMA_DEPTH_MM`] away.
+    waves: [Vec<Wave>; 2],
+    /// Tangents of the lines of sight on which the detector finds them.
+    seen: [f64; 2],
+    /// Its light at each of [`AZIMUTHS`], where sub-pixels stand side by side, and its line of sight; empty where one
+    /// channel is lit.
+    turned: Vec<(Vec<Wave>, DVec2)>,
     /// See [`SpotShifts`].
     per_depth: [f64; DEPTHS_MM.len()],
-    coma: Option<ComaResponse>,
 }
 
-/// See [`ComaShifts`].
-struct ComaResponse {
-    tangent_per_coma: [f64; COMAS_MM.len()],
-    coma_per_depth: [f64; COMAS_MM.len()],
-    tangent_per_even_coma: [f64; 2],
+type Wave = (Wavefront, SpectralLine);
+
+/// What emits on the display, mm.
+#[derive(Debug)]
+struct Emission {
+    /// Extent of a box of the whole light's second moments, the mean of both axes.
+    whole_mm: f64,
+    /// That of a sub-pixel along the display's axes.
+    sub_pixel_mm: [f64; 2],
+}
+
+impl SpotTracer {
+    /// Traces the setup's lenses. `half_tan` is the largest line of sight's tangent; `lit` are the channels (red, green,
+    /// blue) of which points are made.
+    ///
+    /// # Errors
+    /// As [`facility_system`]; a ray that does not arrive.
+    pub fn new(setup: &Setup, half_tan: f64, lit: Range<usize>) -> Result<Self, BenchError> {
+        let system = facility_system(setup)?;
+        let launcher = Launcher::new(&system)?;
+        let display = Display::new(setup, 0);
+        // Three lines of one channel, one of each of several: all channels of white light make as many electrons.
+        let lines = channel_lines(setup, &efficiency_of(&setup.noise), if lit.len() > 1 { 1 } else { 3 });
+        let fans = lit
+            .clone()
+            .flat_map(|channel| lines[channel].iter().map(move |line| (channel, line)))
+            .map(|(channel, &(nm, weight))| {
+                let stripe_mm = display.stripe_px[channel] * display.pitch_mm[0];
+                let weight = weight / lit.len() as f64;
+                Ok(Fan { nm, weight, stripe_mm, tracer: Tracer::new(&system, nm, Clipping::Off)? })
+            })
+            .collect::<Result<Vec<_>, OpticsError>>()?;
+        let pupil = gaussian(RINGS, ARMS, 0.0);
+        let spots = Spots {
+            pupil_radius_mm: launcher.ray([0.0; 2], [1.0, 0.0])?.position_mm.x,
+            launcher,
+            fans,
+            slopes: SlopeFit::new(&pupil.iter().map(|point| point.at).collect::<Vec<_>>()),
+            pupil,
+        };
+        let focal_px = setup.camera_pinhole().fx_px;
+        let mut tracer = Self {
+            half_tan,
+            focal_px,
+            half_width_tan: 0.5 * f64::from(setup.camera.width_px) / focal_px,
+            emission: Emission {
+                whole_mm: 12f64.sqrt() * display.emission_sigma_mm(lit),
+                sub_pixel_mm: [0, 1].map(|axis| display.emission_px[axis] * display.pitch_mm[axis]),
+            },
+            places: Vec::new(),
+        };
+        tracer.places = (1..RADIAL_KNOTS)
+            .into_par_iter()
+            .map(|k| tracer.place(&spots, RadialTable::place(half_tan, k)))
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(tracer)
+    }
+
+    /// What depth and coma do. Coma takes most of the time, and is left out where it is not wanted.
+    ///
+    /// # Errors
+    /// An image of a point reaches no detector's window.
+    pub fn shifts(&self, with_coma: bool) -> Result<SpotShifts, BenchError> {
+        Ok(SpotShifts {
+            height_mm: heights(self.half_tan, &self.places),
+            per_depth: std::array::from_fn(|k| self.table(&|place| place.per_depth[k])),
+            coma: if with_coma { Some(self.coma_shifts()?) } else { None },
+        })
+    }
+
+    fn coma_shifts(&self) -> Result<ComaShifts, OpticsError> {
+        let mut forms = COMAS_MM.iter().map(|&coma_mm| self.form(coma_mm)).collect::<Result<Vec<_>, _>>()?;
+        // What more coma adds, from the neighbours that have been traced.
+        for k in 0..forms.len() {
+            let next = if COMAS_MM[k] < 0.0 { k.checked_sub(1) } else { Some(k + 1) };
+            let (own, other) = (&forms[k], next.and_then(|next| forms.get(next)).unwrap_or(&forms[k]));
+            let step = (other.coma_mm / own.coma_mm - 1.0).max(f64::MIN_POSITIVE);
+            forms[k].beyond_proportion =
+                own.tangent_per_coma.with(&other.tangent_per_coma, |own, other| (other - own) / step);
+        }
+        let even = self
+            .places
+            .par_iter()
+            .map(|place| {
+                let along = |axis: DVec2| -> Result<f64, OpticsError> {
+                    let seen = |sign: f64| self.seen(place, &place.waves[0], sign * EVEN_COMA_MM * axis);
+                    Ok((seen(1.0)? - seen(-1.0)?).dot(axis) / (2.0 * EVEN_COMA_MM))
+                };
+                Ok([along(DVec2::X)?, along(DVec2::Y)?])
+            })
+            .collect::<Result<Vec<_>, OpticsError>>()?;
+        Ok(ComaShifts {
+            growing: std::array::from_fn(|k| forms[k]),
+            tangent_per_even_coma: [0, 1].map(|axis| self.table_of(even.iter().map(|of| of[axis]))),
+        })
+    }
+
+    /// A coma's form, all round alike and in proportion.
+    fn form(&self, coma_mm: f64) -> Result<ComaForm, OpticsError> {
+        let of_place = |place: &Place| -> Result<[f64; 2], OpticsError> {
+            let added = |depth: usize| self.added(place, depth, coma_mm);
+            let own = added(0)?;
+            Ok([own, (added(1)? - own) / COMA_DEPTH_MM])
+        };
+        let found = self.places.par_iter().map(of_place).collect::<Result<Vec<_>, _>>()?;
+        let [tangent_per_coma, coma_per_depth] = [0, 1].map(|k| self.table_of(found.iter().map(|of| of[k])));
+        let none = self.table(&|_| 0.0);
+        let (beyond_proportion, round) = (none, [none; 4]);
+        Ok(ComaForm { coma_mm, tangent_per_coma, coma_per_depth, beyond_proportion, round })
+    }
+
+    /// What a coma adds to a place's line of sight, over r / u and the coma.
+    fn added(&self, place: &Place, depth: usize, coma_mm: f64) -> Result<f64, OpticsError> {
+        let coma = self.coma_at(place, coma_mm);
+        Ok((self.seen(place, &place.waves[depth], coma)?.x - place.seen[depth]) / coma.x)
+    }
+
+    fn coma_at(&self, place: &Place, coma_mm: f64) -> DVec2 {
+        DVec2::new(coma_mm * place.tangent / self.half_width_tan, 0.0)
+    }
+
+    /// The same as [`SpotTracer::form`], with what more coma does and what sub-pixels side by side do round the axis.
+    fn whole_form(&self, coma_mm: f64) -> Result<ComaForm, OpticsError> {
+        let mut form = self.form(coma_mm)?;
+        let more = |place: &Place| -> Result<f64, OpticsError> {
+            let [less, more] =
+                [-COMA_STEP, COMA_STEP].map(|step| self.added(place, 0, (1.0 + step) * coma_mm));
+            Ok((more? - less?) / (2.0 * COMA_STEP))
+        };
+        let more = self.places.par_iter().map(more).collect::<Result<Vec<_>, _>>()?;
+        form.beyond_proportion = self.table_of(more.into_iter());
+        if self.places.iter().any(|place| place.turned.is_empty()) {
+            return Ok(form);
+        }
+        // Along the radius a0 + a1 cos + a2 cos 2, across it b1 sin + b2 sin 2 of the azimuth.
+        let harmonics = |place: &Place| -> Result<[f64; 5], OpticsError> {
+            let coma = self.coma_at(place, coma_mm);
+            let mut at = [DVec2::ZERO; AZIMUTHS.len()];
+            for ((at, (waves, still)), azimuth) in at.iter_mut().zip(&place.turned).zip(AZIMUTHS) {
+                *at = (self.seen_turned(place, waves, azimuth, coma)? - *still) / coma.x;
+            }
+            let [right, up_right, up, up_left, left] = at;
+            Ok([
+                0.5 * (up_right.x + up_left.x),
+                0.5 * (right.x - left.x),
+                0.25 * (right.x + left.x) - 0.5 * up.x,
+                up.y,
+                0.5 * (up_right.y - up_left.y),
+            ])
+        };
+        let found = self.places.par_iter().map(harmonics).collect::<Result<Vec<_>, _>>()?;
+        let [mean, round @ ..] = [0, 1, 2, 3, 4].map(|k| self.table_of(found.iter().map(|of| of[k])));
+        (form.tangent_per_coma, form.round) = (mean, round);
+        Ok(form)
+    }
+
+    fn table(&self, of: &dyn Fn(&Place) -> f64) -> RadialTable {
+        self.table_of(self.places.iter().map(of))
+    }
+
+    fn table_of(&self, mut values: impl Iterator<Item = f64>) -> RadialTable {
+        RadialTable::new(self.half_tan, std::array::from_fn(|_| values.next().unwrap_or_default()))
+    }
+
+    /// The place whose light, on the average, is on the line of sight (r, 0).
+    fn place(&self, spots: &Spots, r: f64) -> Result<Place, OpticsError> {
+        let field = DVec2::new(r, 0.0);
+        let meetings =
+            spots.fans.iter().map(|fan| spots.meetings(&fan.tracer, field)).collect::<Result<Vec<_>, _>>()?;
+        let mean = |of: &dyn Fn(&Meeting) -> DVec2| -> DVec2 {
+            let sum = |fan: &[Meeting]| -> DVec2 {
+                fan.iter().zip(&spots.pupil).map(|(meeting, point)| point.weight * of(meeting)).sum()
+            };
+            meetings.iter().zip(&spots.fans).map(|(rays, fan)| fan.weight * sum(rays)).sum::<DVec2>()
+        };
+        let place_mm = mean(&|meeting| meeting.at_mm);
+        let px_per_mm = self.focal_px / mean(&|meeting| meeting.mm_per_tangent.x_axis).length();
+        // The light of the place at a depth, as the camera's pupil receives it: each ray to first order in the spot's size.
+        // The display is turned by 180 deg against the axes of the lines of sight.
+        let waves = |depth_mm: f64, stripes: DVec2| -> Vec<Wave> {
+            spots
+                .fans
+                .iter()
+                .zip(&meetings)
+                .map(|(fan, rays)| {
+                    let from_mm = place_mm - fan.stripe_mm * stripes;
+                    let cosines: Vec<f64> = rays
+                        .iter()
+                        .flat_map(|meeting| {
+                            let miss_mm = from_mm - meeting.at_mm - depth_mm * meeting.slope;
+                            let tangent = field + meeting.mm_per_tangent.inverse() * miss_mm;
+                            (tangent / (1.0 + tangent.length_squared()).sqrt()).to_array()
+                        })
+                        .collect();
+                    (spots.slopes.wavefront(&cosines, spots.pupil_radius_mm), (fan.nm, fan.weight))
+                })
+                .collect()
+        };
+        let mut place = Place {
+            tangent: r,
+            height_over_tangent_mm: 0.0,
+            px_per_mm,
+            waves: [0.0, COMA_DEPTH_MM].map(|depth_mm| waves(depth_mm, DVec2::ZERO)),
+            seen: [0.0; 2],
+            turned: Vec::new(),
+            per_depth: [0.0; DEPTHS_MM.len()],
+        };
+        let still = |waves: &[Wave]| Ok::<_, OpticsError>(self.seen(&place, waves, DVec2::ZERO)?.x);
+        let seen = [still(&place.waves[0])?, still(&place.waves[1])?];
+        let mut per_depth = [0.0; DEPTHS_MM.len()];
+        for (per_depth, depth_mm) in per_depth.iter_mut().zip(DEPTHS_MM) {
+            *per_depth = (still(&waves(depth_mm, DVec2::ZERO))? - seen[0]) / (depth_mm * seen[0]);
+        }
+        if spots.fans.iter().any(|fan| fan.stripe_mm != spots.fans[0].stripe_mm) {
+            for azimuth in AZIMUTHS {
+                // The display's x along and across the radius.
+                let waves = waves(0.0, DVec2::from_angle(-azimuth));
+                let seen = self.seen_turned(&place, &waves, azimuth, DVec2::ZERO)?;
+                place.turned.push((waves, seen));
+            }
+        }
+        (place.seen, place.per_depth) = (seen, per_depth);
+        place.height_over_tangent_mm = place_mm.x.abs() / seen[0];
+        Ok(place)
+    }
+
+    /// The line of sight on which a detector finds light of a place, with coma.
+    fn seen(&self, place: &Place, waves: &[Wave], coma_mm: DVec2) -> Result<DVec2, OpticsError> {
+        self.found(place, waves, coma_mm, [self.emission.whole_mm; 2])
+    }
+
+    /// The same of sub-pixels side by side, where the place is at this azimuth.
+    fn seen_turned(
+        &self,
+        place: &Place,
+        waves: &[Wave],
+        azimuth_rad: f64,
+        coma_mm: DVec2,
+    ) -> Result<DVec2, OpticsError> {
+        let [x, y] = self.emission.sub_pixel_mm;
+        let (sin, cos) = azimuth_rad.sin_cos();
+        self.found(place, waves, coma_mm, [(x * cos).hypot(y * sin), (x * sin).hypot(y * cos)])
+    }
+
+    fn found(
+        &self,
+        place: &Place,
+        waves: &[Wave],
+        coma_mm: DVec2,
+        emission_mm: [f64; 2],
+    ) -> Result<DVec2, OpticsError> {
+        let field = DVec2::new(place.tangent, 0.0);
+        let mut terms = [0.0; WAVEFRONT_TERMS];
+        (terms[COMA[0]], terms[COMA[1]]) = coma_mm.into();
+        let with_coma: Vec<_> = waves.iter().map(|(wave, line)| (wave.plus(&terms), *line)).collect();
+        let frame = KernelFrame { reference: field.to_array(), roll_rad: 0.0 };
+        let grid = KernelGrid { focal_px: self.focal_px, per_px: PER_PX, half_px: HALF_PX };
+        let mut image = clear_kernel(&with_coma, frame, grid)?;
+        image.spread([1.0; 2]);
+        image.spread(emission_mm.map(|mm| mm * place.px_per_mm));
+        Ok(field + DVec2::from(windowed_in(&image)) / self.focal_px)
+    }
+}
+
+impl ComaTracer for SpotTracer {
+    fn coma_form(&self, coma_mm: f64) -> Option<ComaForm> {
+        self.whole_form(coma_mm).ok()
+    }
+}
+
+/// Light of one wavelength.
+struct Fan {
+    nm: f64,
+    /// Its share of the electrons.
+    weight: f64,
+    /// Displacement of its sub-pixel along the display's x.
+    stripe_mm: f64,
+    tracer: Tracer,
 }
 
 struct Spots {
     launcher: Launcher,
-    /// Wavelengths, and what traces them.
-    fans: Vec<(f64, Tracer)>,
+    fans: Vec<Fan>,
     pupil: Vec<PupilPoint>,
     slopes: SlopeFit,
     pupil_radius_mm: f64,
-    focal_px: f64,
-    /// Half the camera's width.
-    half_width_tan: f64,
-    display: Display,
 }
 
 /// A ray of a line of sight: where it meets the display (mm), its slope there, and what the line of sight moves it by.
@@ -108,85 +365,6 @@ struct Meeting {
 }
 
 impl Spots {
-    /// Of the place whose light, on the average, is on the line of sight (r, 0), by Fourier sums over the pupil.
-    fn response(&self, r: f64, with_coma: bool) -> Result<Response, OpticsError> {
-        let field = DVec2::new(r, 0.0);
-        let meetings = self
-            .fans
-            .iter()
-            .map(|(_, tracer)| self.meetings(tracer, field))
-            .collect::<Result<Vec<_>, _>>()?;
-        let all = || self.fans.iter().zip(&meetings);
-        let count = meetings.len() as f64;
-        let mean = |of: &dyn Fn(&Meeting) -> DVec2| -> DVec2 {
-            let sum = |fan: &[Meeting]| -> DVec2 {
-                fan.iter().zip(&self.pupil).map(|(meeting, point)| point.weight * of(meeting)).sum()
-            };
-            meetings.iter().map(|fan| sum(fan)).sum::<DVec2>() / count
-        };
-        let place_mm = mean(&|meeting| meeting.at_mm);
-        let px_per_mm = self.focal_px / mean(&|meeting| meeting.mm_per_tangent.x_axis).length();
-        let emission_px = 12f64.sqrt() * px_per_mm * self.display.emission_sigma_mm();
-        // The light of the place at a depth, as the camera's pupil receives it: each ray to first order in the spot's size.
-        let waves = |depth_mm: f64| -> Vec<(Wavefront, SpectralLine)> {
-            all()
-                .map(|((nm, _), fan)| {
-                    let cosines: Vec<f64> = fan
-                        .iter()
-                        .flat_map(|meeting| {
-                            let miss_mm = place_mm - meeting.at_mm - depth_mm * meeting.slope;
-                            let tangent = field + meeting.mm_per_tangent.inverse() * miss_mm;
-                            (tangent / (1.0 + tangent.length_squared()).sqrt()).to_array()
-                        })
-                        .collect();
-                    (self.slopes.wavefront(&cosines, self.pupil_radius_mm), (*nm, 1.0 / count))
-                })
-                .collect()
-        };
-        let frame = KernelFrame { reference: field.to_array(), roll_rad: 0.0 };
-        let grid = KernelGrid { focal_px: self.focal_px, per_px: PER_PX, half_px: HALF_PX };
-        let seen = |waves: &[(Wavefront, SpectralLine)], coma_mm: DVec2| -> Result<DVec2, OpticsError> {
-            let mut terms = [0.0; WAVEFRONT_TERMS];
-            (terms[COMA[0]], terms[COMA[1]]) = coma_mm.into();
-            let with_coma: Vec<_> = waves.iter().map(|(wave, line)| (wave.plus(&terms), *line)).collect();
-            let mut image = clear_kernel(&with_coma, frame, grid)?;
-            image.spread([1.0; 2]);
-            image.spread([emission_px; 2]);
-            Ok(field + DVec2::from(windowed_in(&image)) / self.focal_px)
-        };
-        let still = |waves: &[_]| Ok::<_, OpticsError>(seen(waves, DVec2::ZERO)?.x);
-        let (focused, far) = (waves(0.0), waves(COMA_DEPTH_MM));
-        let (tangent, far_tangent) = (still(&focused)?, still(&far)?);
-        let mut per_depth = [0.0; DEPTHS_MM.len()];
-        for (per_depth, depth_mm) in per_depth.iter_mut().zip(DEPTHS_MM) {
-            *per_depth = (still(&waves(depth_mm))? - tangent) / (depth_mm * tangent);
-        }
-        let coma = || -> Result<ComaResponse, OpticsError> {
-            let mut tangent_per_coma = [0.0; COMAS_MM.len()];
-            let mut coma_per_depth = [0.0; COMAS_MM.len()];
-            for (k, coma_mm) in COMAS_MM.into_iter().enumerate() {
-                let coma = DVec2::new(coma_mm * r / self.half_width_tan, 0.0);
-                let grown = |waves: &[_], without: f64| {
-                    Ok::<_, OpticsError>((seen(waves, coma)?.x - without) / coma.x)
-                };
-                tangent_per_coma[k] = grown(&focused, tangent)?;
-                coma_per_depth[k] = (grown(&far, far_tangent)? - tangent_per_coma[k]) / COMA_DEPTH_MM;
-            }
-            let even = |axis: DVec2| -> Result<f64, OpticsError> {
-                let [plus, minus] = [1.0, -1.0].map(|sign| seen(&focused, sign * EVEN_COMA_MM * axis));
-                Ok((plus? - minus?).dot(axis) / (2.0 * EVEN_COMA_MM))
-            };
-            let tangent_per_even_coma = [even(DVec2::X)?, even(DVec2::Y)?];
-            Ok(ComaResponse { tangent_per_coma, coma_per_depth, tangent_per_even_coma })
-        };
-        Ok(Response {
-            tangent,
-            height_over_tangent_mm: place_mm.x.abs() / tangent,
-            per_depth,
-            coma: with_coma.then(coma).transpose()?,
-        })
-    }
-
     /// The rays of a line of sight through the pupil's points.
     fn meetings(&self, tracer: &Tracer, field: DVec2) -> Result<Vec<Meeting>, OpticsError> {
         let traced = |field: DVec2| -> Result<RayBatch, OpticsError> {
@@ -221,14 +399,14 @@ impl Spots {
 }
 
 /// h_0, h_1, h_2 of the heights over tangents, mm, by least squares.
-fn heights(half_tan: f64, knots: &[Response]) -> [f64; 3] {
+fn heights(half_tan: f64, places: &[Place]) -> [f64; 3] {
     let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
-    for knot in knots {
+    for place in places {
         // Of parts of the largest field so far.
-        let part = knot.tangent / half_tan;
+        let part = place.seen[0] / half_tan;
         let row = DVec3::new(1.0, part.powi(2), part.powi(4));
         normal += DMat3::from_cols(row * row.x, row * row.y, row * row.z);
-        right += row * knot.height_over_tangent_mm;
+        right += row * place.height_over_tangent_mm;
     }
     let h2 = half_tan * half_tan;
     let [a, b, c] = (normal.inverse() * right).to_array();

@@ -23,7 +23,7 @@ use retina_optics::facility::{
 };
 use retina_radiometry::QuantumEfficiency;
 
-pub use depth::spot_shifts;
+pub use depth::SpotTracer;
 pub use place::{CameraPose, ExposurePose, facility_system};
 pub use scene::SceneLight;
 pub(crate) use scene::Shown;

@@ -1,7 +1,7 @@
 //! Forms that the setup's lenses give, by images of points through them: the display's depth, and coma.
 
 use glam::DVec2;
-use retina_geometry::{COMAS_MM, ComaShifts, SpotShifts};
+use retina_geometry::{ComaForm, ComaShifts, RadialTable, SpotShifts};
 
 use crate::data::{ARCSEC_PER_RAD, Dataset, DisplayDepth, Term};
 
@@ -73,41 +73,55 @@ pub(crate) const STEADY: &str = "steady";
 /// Factor by which a coma may differ from the one that its form was traced for.
 const MUCH: f64 = 2.5;
 
-/// What 1 um of one of the traced comas moves a place by, over the place (both in halves of the camera's width): arcsec;
-/// and what 1 mm of depth adds to it.
-fn coma_at(data: &Dataset, rays: &ComaShifts, coma: usize, place: DVec2) -> [f64; 2] {
-    let r = data.half_tan * place.length();
-    [rays.tangent_per_coma[coma], rays.coma_per_depth[coma]].map(|table| 1e-3 * ARCSEC_PER_RAD * table.at(r))
+/// The forms of growing coma: of all strengths that were traced, or of the one that was found.
+fn coma_forms(data: &Dataset, rays: &ComaShifts) -> Vec<ComaForm> {
+    data.found_coma.map_or_else(|| rays.growing.to_vec(), |found| vec![found])
+}
+
+/// A table's arcsec per um over the place, where it is in halves of the camera's width.
+fn per_um(data: &Dataset, table: &RadialTable, place: DVec2) -> f64 {
+    1e-3 * ARCSEC_PER_RAD * table.at(data.half_tan * place.length())
+}
+
+/// What 1 um of coma moves a place by, arcsec.
+fn moved_by(data: &Dataset, form: &ComaForm, place: DVec2) -> DVec2 {
+    let at = |table: &RadialTable| per_um(data, table, place);
+    let [cos, sin] = place.normalize_or_zero().to_array();
+    let [along, along_twice, across, across_twice] = [0, 1, 2, 3].map(|k| at(&form.round[k]));
+    let (cos_twice, sin_twice) = (cos * cos - sin * sin, 2.0 * sin * cos);
+    let outwards = at(&form.tangent_per_coma) + along * cos + along_twice * cos_twice;
+    outwards * place + (across * sin + across_twice * sin_twice) * place.perp()
 }
 
 /// Coma that grows with the field, um at half the camera's width: a form for each of the comas that were traced, since
-/// bright cores do not move in proportion to it. Each has further columns for lenses that are not quite those of the
-/// design: the next coma's, and that of another focus.
+/// bright cores do not move in proportion to it. Each has further columns: for a little more coma, and for lenses that are
+/// not quite those of the design, that of another focus.
 fn steady_coma(data: &Dataset, rays: ComaShifts) -> Vec<Variant<'_>> {
     let (x, y) = xy(data);
-    let values = |coma: usize| -> (Vec<f64>, Vec<f64>) {
-        let at = |i: usize| coma_at(data, &rays, coma, DVec2::new(x[i], y[i]));
-        (0..x.len()).map(at).map(|[own, deep]| (own, deep)).unzip()
+    let forms = coma_forms(data, &rays);
+    let outwards = |name: &str, table: &RadialTable| {
+        let values = (0..x.len()).map(|i| per_um(data, table, DVec2::new(x[i], y[i]))).collect();
+        radial_term(data, name.to_owned(), 0, Some(values))
     };
-    let all: Vec<(Vec<f64>, Vec<f64>)> = (0..COMAS_MM.len()).map(values).collect();
-    let outwards = |name: &str, values: Vec<f64>| radial_term(data, name.to_owned(), 0, Some(values));
-    (0..COMAS_MM.len())
-        .map(|coma| {
-            let own_um = 1e3 * COMAS_MM[coma];
-            let stronger = if own_um < 0.0 { coma.checked_sub(1) } else { Some(coma + 1) };
-            let more = stronger.and_then(|k| all.get(k)).map(|(next, _)| {
-                outwards("more_um", next.iter().zip(&all[coma].0).map(|(next, own)| next - own).collect())
-            });
-            let focus = outwards("focus_um_mm", all[coma].1.clone());
-            let mut leading = outwards("coma_um", all[coma].0.clone());
+    let weakest = forms.iter().map(|form| form.coma_mm.abs()).fold(f64::INFINITY, f64::min);
+    forms
+        .iter()
+        .map(|form| {
+            let own_um = 1e3 * form.coma_mm;
+            let moved: Vec<[f64; 2]> =
+                (0..x.len()).map(|i| moved_by(data, form, DVec2::new(x[i], y[i])).to_array()).collect();
+            let mut leading = Term::new("coma_um", move |i: usize| moved[i]);
             // The weakest is that of all weaker ones, too.
-            let weakest = COMAS_MM.iter().all(|c| c * own_um < 0.0 || c.abs() >= COMAS_MM[coma].abs());
-            let range = [if weakest { 0.0 } else { own_um / MUCH }, MUCH * own_um];
-            leading.plausible = Some([range[0].min(range[1]), range[0].max(range[1])]);
+            let least = if form.coma_mm.abs() <= weakest { 0.0 } else { own_um / MUCH };
+            let most = MUCH * own_um;
+            leading.plausible = Some([least.min(most), least.max(most)]);
             Variant {
                 shape: vec![(STEADY, own_um)],
                 leading: vec![leading],
-                further: more.into_iter().chain([focus]).collect(),
+                further: vec![
+                    outwards("more_um", &form.beyond_proportion),
+                    outwards("focus_um_mm", &form.coma_per_depth),
+                ],
             }
         })
         .collect()
@@ -118,8 +132,9 @@ pub(super) fn coma_beside(data: &Dataset, rays: &ComaShifts, coma_um: f64) -> Ve
     /// Half a step, in halves of the camera's width.
     const STEP: f64 = 0.01;
     let (x, y) = xy(data);
-    let Some(coma) = (0..COMAS_MM.len()).find(|&k| 1e3 * COMAS_MM[k] == coma_um) else { return Vec::new() };
-    let moved = |place: DVec2| coma_at(data, rays, coma, place)[0] * place;
+    let forms = coma_forms(data, rays);
+    let Some(form) = forms.iter().find(|form| 1e3 * form.coma_mm == coma_um) else { return Vec::new() };
+    let moved = |place: DVec2| moved_by(data, form, place);
     let column = |of: &dyn Fn(DVec2) -> DVec2| -> Vec<f64> {
         (0..x.len()).flat_map(|i| of(DVec2::new(x[i], y[i])).to_array()).collect()
     };
@@ -128,7 +143,7 @@ pub(super) fn coma_beside(data: &Dataset, rays: &ComaShifts, coma_um: f64) -> Ve
         .flat_map(|&axis| {
             [
                 column(&|place| (moved(place + STEP * axis) - moved(place - STEP * axis)) / (2.0 * STEP)),
-                column(&|place| coma_at(data, rays, coma, place)[1] * place.dot(axis) * place),
+                column(&|place| per_um(data, &form.coma_per_depth, place) * place.dot(axis) * place),
             ]
         })
         .collect()

@@ -173,6 +173,8 @@ impl Dataset {
             half_height: 1.0,
             display: None,
             display_depth: DisplayDepth::default(),
+            tracer: None,
+            found_coma: None,
             screen_pixel_arcsec: 0.0,
             frame: pixels.measured.iter().map(|m| in_table(*m)).collect(),
             baseline: Baseline::Physical,

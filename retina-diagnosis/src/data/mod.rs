@@ -21,7 +21,7 @@ pub use lens::{FittedLens, lens_of_fit};
 pub(crate) use phase::lambert_magnitude;
 pub use read::{Baseline, Source};
 pub(crate) use retina_geometry::ARCSEC_PER_RAD;
-use retina_geometry::SpotShifts;
+use retina_geometry::{ComaForm, ComaTracer, SpotShifts};
 
 use retina_formats::{Channel, TableKind};
 
@@ -140,6 +140,10 @@ pub struct Dataset {
     pub(crate) display: Option<SpotShifts>,
     /// Where the display stands, as far as that is known: the forms of its tilt and bow are those about this place.
     pub(crate) display_depth: DisplayDepth,
+    /// Traces the lenses with a coma that was found.
+    pub(crate) tracer: Option<Arc<dyn ComaTracer>>,
+    /// That coma's form, which is then the only one.
+    pub(crate) found_coma: Option<ComaForm>,
     /// One pixel of the screen in arcsec (points).
     pub(crate) screen_pixel_arcsec: f64,
     /// Fixed part of the model plus y, in the table's own units: what is needed to write predictions.
@@ -187,6 +191,13 @@ impl Dataset {
     #[must_use]
     pub fn with_spot_shifts(mut self, rays: SpotShifts) -> Self {
         self.display = Some(rays);
+        self
+    }
+
+    /// And the lenses can be traced anew with a coma that is found.
+    #[must_use]
+    pub fn with_coma_tracer(mut self, tracer: Arc<dyn ComaTracer>) -> Self {
+        self.tracer = Some(tracer);
         self
     }
 
@@ -243,6 +254,7 @@ impl Dataset {
             field: OnceLock::new(),
             pixels: None,
             lens: self.lens.clone(),
+            tracer: self.tracer.clone(),
             ..*self
         }
     }
