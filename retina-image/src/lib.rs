@@ -49,3 +49,4 @@ pub use exif::Exif;
 pub use photograph::{Coding, Photograph, PhotographOptions};
 pub use read::ReadOptions;
 pub use reduce::read_mask;
+pub use width::WidthMap;

@@ -19,7 +19,7 @@ const RANGE_PX: [f64; 2] = [0.5, 7.0];
 /// that is not symmetric has another centroid in another window: means over neighbours, whose reach goes by the points'
 /// density, move the field's edge by an arcsecond between sparse and dense patterns.)
 #[derive(Debug, Clone)]
-pub(crate) struct WidthMap {
+pub struct WidthMap {
     field: WidthField,
     typical_px: f64,
 }
@@ -54,6 +54,17 @@ impl WidthMap {
                 Some(MeasuredWidth { at_px, log_sigma: sigma.ln() })
             })
             .collect();
+        Self::through_measured([image.width_px, image.height_px].map(f64::from), &spots)
+    }
+
+    /// Through spots of an image with these places and standard deviations (px), three or more.
+    pub fn through(size_px: [f64; 2], spots: &[([f64; 2], f64)]) -> Self {
+        let spots: Vec<MeasuredWidth> =
+            spots.iter().map(|&(at_px, sigma)| MeasuredWidth { at_px, log_sigma: sigma.ln() }).collect();
+        Self::through_measured(size_px, &spots)
+    }
+
+    fn through_measured(size_px: [f64; 2], spots: &[MeasuredWidth]) -> Self {
         // Fewer than three do not say what the spots of this image are like.
         if spots.len() < 3 {
             return Self::constant(FIRST_SPOT_SIGMA_PX);
@@ -61,12 +72,11 @@ impl WidthMap {
         let mut logs: Vec<f64> = spots.iter().map(|spot| spot.log_sigma).collect();
         logs.sort_by(f64::total_cmp);
         let typical_px = logs[logs.len() / 2].exp();
-        let size_px = [image.width_px, image.height_px].map(f64::from);
-        Self { field: WidthField::through(size_px, &spots, &logs), typical_px }
+        Self { field: WidthField::through(size_px, spots, &logs), typical_px }
     }
 
     /// Standard deviation of a spot at a place, px.
-    pub(crate) fn at_px(&self, at: [f64; 2]) -> f64 {
+    pub fn at_px(&self, at: [f64; 2]) -> f64 {
         self.field.at_px(at)
     }
 

@@ -8,13 +8,14 @@ use rayon::prelude::*;
 use retina_geometry::{
     COMAS_MM, ComaForm, ComaShifts, ComaTracer, DEPTHS_MM, RADIAL_KNOTS, RadialTable, Setup, SpotShifts,
 };
+use retina_image::WidthMap;
 use retina_optics::facility::{
-    COMA, KernelFrame, KernelGrid, SlopeFit, SpectralLine, WAVEFRONT_TERMS, Wavefront, clear_kernel,
+    COMA, Kernel, KernelFrame, KernelGrid, SlopeFit, SpectralLine, WAVEFRONT_TERMS, Wavefront, clear_kernel,
 };
 use retina_optics::pupil::{PupilPoint, gaussian};
 use retina_optics::{Clipping, Launcher, OpticsError, RayBatch, Tracer};
 
-use super::windowed::windowed_in;
+use super::windowed::{Window, windowed_as, windowed_in};
 use super::{channel_lines, facility_system};
 use crate::sensor::efficiency_of;
 use crate::{BenchError, Display};
@@ -33,6 +34,8 @@ const PER_PX: usize = 4;
 const HALF_PX: usize = 10;
 /// Azimuths at which sub-pixels side by side are seen, from the display's x, rad.
 const AZIMUTHS: [f64; 5] = [0.0, 0.25 * PI, 0.5 * PI, 0.75 * PI, PI];
+/// Azimuths at which the spots' widths are laid out over the camera.
+const ROUND_THE_AXIS: usize = 16;
 /// Step of a line of sight for its derivatives, tangents.
 const STEP: f64 = 1e-4;
 
@@ -45,6 +48,8 @@ pub struct SpotTracer {
     focal_px: f64,
     /// Half the camera's width.
     half_width_tan: f64,
+    /// Width and height of the camera, px.
+    size_px: [f64; 2],
     emission: Emission,
     /// From the first off the axis to the largest line of sight.
     places: Vec<Place>,
@@ -62,14 +67,19 @@ struct Place {
     waves: [Vec<Wave>; 2],
     /// Tangents of the lines of sight on which the detector finds them.
     seen: [f64; 2],
-    /// Its light at each of [`AZIMUTHS`], where sub-pixels stand side by side, and its line of sight; empty where one
-    /// channel is lit.
-    turned: Vec<(Vec<Wave>, DVec2)>,
+    /// Its light at each of [`AZIMUTHS`], where sub-pixels stand side by side; empty where one channel is lit.
+    turned: Vec<Vec<Wave>>,
     /// See [`SpotShifts`].
     per_depth: [f64; DEPTHS_MM.len()],
 }
 
 type Wave = (Wavefront, SpectralLine);
+
+/// Lines of sight on which a detector finds the places, tangents, and the widths that it takes for the spots'.
+struct Seen {
+    at: Vec<DVec2>,
+    widths_px: Vec<f64>,
+}
 
 /// What emits on the display, mm.
 #[derive(Debug)]
@@ -114,6 +124,7 @@ impl SpotTracer {
             half_tan,
             focal_px,
             half_width_tan: 0.5 * f64::from(setup.camera.width_px) / focal_px,
+            size_px: [setup.camera.width_px, setup.camera.height_px].map(f64::from),
             emission: Emission {
                 whole_mm: 12f64.sqrt() * display.emission_sigma_mm(lit),
                 sub_pixel_mm: [0, 1].map(|axis| display.emission_px[axis] * display.pitch_mm[axis]),
@@ -140,7 +151,9 @@ impl SpotTracer {
     }
 
     fn coma_shifts(&self) -> Result<ComaShifts, OpticsError> {
-        let mut forms = COMAS_MM.iter().map(|&coma_mm| self.form(coma_mm)).collect::<Result<Vec<_>, _>>()?;
+        let still = self.both_depths(0.0)?;
+        let mut forms =
+            COMAS_MM.iter().map(|&coma_mm| self.form(coma_mm, &still)).collect::<Result<Vec<_>, _>>()?;
         // What more coma adds, from the neighbours that have been traced.
         for k in 0..forms.len() {
             let next = if COMAS_MM[k] < 0.0 { k.checked_sub(1) } else { Some(k + 1) };
@@ -166,63 +179,117 @@ impl SpotTracer {
         })
     }
 
-    /// A coma's form, all round alike and in proportion.
-    fn form(&self, coma_mm: f64) -> Result<ComaForm, OpticsError> {
-        let of_place = |place: &Place| -> Result<[f64; 2], OpticsError> {
-            let added = |depth: usize| self.added(place, depth, coma_mm);
-            let own = added(0)?;
-            Ok([own, (added(1)? - own) / COMA_DEPTH_MM])
-        };
-        let found = self.places.par_iter().map(of_place).collect::<Result<Vec<_>, _>>()?;
-        let [tangent_per_coma, coma_per_depth] = [0, 1].map(|k| self.table_of(found.iter().map(|of| of[k])));
+    /// A coma's form, all round alike and in proportion; `still` are the places without it, the display where it is and
+    /// away.
+    fn form(&self, coma_mm: f64, still: &[Seen; 2]) -> Result<ComaForm, OpticsError> {
+        let [seen, far] = self.both_depths(coma_mm)?;
+        let tangent_per_coma = self.added(&seen, &still[0], coma_mm).0;
+        let coma_per_depth = self
+            .added(&far, &still[1], coma_mm)
+            .0
+            .with(&tangent_per_coma, |deep, own| (deep - own) / COMA_DEPTH_MM);
         let none = self.table(&|_| 0.0);
-        let (beyond_proportion, round) = (none, [none; 4]);
-        Ok(ComaForm { coma_mm, tangent_per_coma, coma_per_depth, beyond_proportion, round })
+        Ok(ComaForm { coma_mm, tangent_per_coma, coma_per_depth, beyond_proportion: none, round: [none; 4] })
     }
 
-    /// What a coma adds to a place's line of sight, over r / u and the coma.
-    fn added(&self, place: &Place, depth: usize, coma_mm: f64) -> Result<f64, OpticsError> {
-        let coma = self.coma_at(place, coma_mm);
-        Ok((self.seen(place, &place.waves[depth], coma)?.x - place.seen[depth]) / coma.x)
-    }
-
-    fn coma_at(&self, place: &Place, coma_mm: f64) -> DVec2 {
-        DVec2::new(coma_mm * place.tangent / self.half_width_tan, 0.0)
-    }
-
-    /// The same as [`SpotTracer::form`], with what more coma does and what sub-pixels side by side do round the axis.
+    /// The same, with what more coma does and what sub-pixels side by side do round the axis.
     fn whole_form(&self, coma_mm: f64) -> Result<ComaForm, OpticsError> {
-        let mut form = self.form(coma_mm)?;
-        let more = |place: &Place| -> Result<f64, OpticsError> {
-            let [less, more] =
-                [-COMA_STEP, COMA_STEP].map(|step| self.added(place, 0, (1.0 + step) * coma_mm));
-            Ok((more? - less?) / (2.0 * COMA_STEP))
+        let still = self.both_depths(0.0)?;
+        let mut form = self.form(coma_mm, &still)?;
+        let changed = |step: f64| {
+            let coma_mm = (1.0 + step) * coma_mm;
+            Ok::<_, OpticsError>(self.added(&self.seen_round(0, coma_mm)?, &still[0], coma_mm).0)
         };
-        let more = self.places.par_iter().map(more).collect::<Result<Vec<_>, _>>()?;
-        form.beyond_proportion = self.table_of(more.into_iter());
+        form.beyond_proportion =
+            changed(-COMA_STEP)?.with(&changed(COMA_STEP)?, |less, more| (more - less) / (2.0 * COMA_STEP));
         if self.places.iter().any(|place| place.turned.is_empty()) {
             return Ok(form);
         }
+        // All azimuths together make the image that the widths are of.
+        let widths_px = self.seen_round(0, coma_mm)?.widths_px;
+        let mut at = Vec::with_capacity(AZIMUTHS.len());
+        for k in 0..AZIMUTHS.len() {
+            let with = self.in_windows(&self.images(&Lit::Turned(k), coma_mm)?, &widths_px);
+            let without = self.in_windows(&self.images(&Lit::Turned(k), 0.0)?, &still[0].widths_px);
+            at.push(self.added(&with, &without, coma_mm));
+        }
         // Along the radius a0 + a1 cos + a2 cos 2, across it b1 sin + b2 sin 2 of the azimuth.
-        let harmonics = |place: &Place| -> Result<[f64; 5], OpticsError> {
-            let coma = self.coma_at(place, coma_mm);
-            let mut at = [DVec2::ZERO; AZIMUTHS.len()];
-            for ((at, (waves, still)), azimuth) in at.iter_mut().zip(&place.turned).zip(AZIMUTHS) {
-                *at = (self.seen_turned(place, waves, azimuth, coma)? - *still) / coma.x;
-            }
-            let [right, up_right, up, up_left, left] = at;
-            Ok([
-                0.5 * (up_right.x + up_left.x),
-                0.5 * (right.x - left.x),
-                0.25 * (right.x + left.x) - 0.5 * up.x,
-                up.y,
-                0.5 * (up_right.y - up_left.y),
-            ])
-        };
-        let found = self.places.par_iter().map(harmonics).collect::<Result<Vec<_>, _>>()?;
-        let [mean, round @ ..] = [0, 1, 2, 3, 4].map(|k| self.table_of(found.iter().map(|of| of[k])));
-        (form.tangent_per_coma, form.round) = (mean, round);
+        let [right, up_right, up, up_left, left] = [0, 1, 2, 3, 4].map(|k| at[k]);
+        let table = |of: &dyn Fn(usize) -> f64| self.table_of((1..RADIAL_KNOTS).map(of));
+        form.tangent_per_coma = table(&|i| 0.5 * (up_right.0.values[i] + up_left.0.values[i]));
+        form.round = [
+            table(&|i| 0.5 * (right.0.values[i] - left.0.values[i])),
+            table(&|i| 0.25 * (right.0.values[i] + left.0.values[i]) - 0.5 * up.0.values[i]),
+            table(&|i| up.1.values[i]),
+            table(&|i| 0.5 * (up_right.1.values[i] - up_left.1.values[i])),
+        ];
         Ok(form)
+    }
+
+    /// What a coma adds to lines of sight along and across the radius, over r / u and the coma.
+    fn added(&self, with: &Seen, without: &Seen, coma_mm: f64) -> (RadialTable, RadialTable) {
+        let over = |place: &Place| coma_mm * place.tangent / self.half_width_tan;
+        let seen = with.at.iter().zip(&without.at).zip(&self.places);
+        let added: Vec<DVec2> =
+            seen.map(|((with, without), place)| (*with - *without) / over(place)).collect();
+        (self.table_of(added.iter().map(|a| a.x)), self.table_of(added.iter().map(|a| a.y)))
+    }
+
+    fn both_depths(&self, coma_mm: f64) -> Result<[Seen; 2], OpticsError> {
+        Ok([self.seen_round(0, coma_mm)?, self.seen_round(1, coma_mm)?])
+    }
+
+    /// All places as a detector finds them, in windows as wide as one field of widths through the spots of an image has
+    /// it: a comatic spot has another middle in another window.
+    fn seen_round(&self, depth: usize, coma_mm: f64) -> Result<Seen, OpticsError> {
+        let images = self.images(&Lit::Round(depth), coma_mm)?;
+        let own_px: Vec<f64> = images.iter().map(|(_, window)| window.sigma).collect();
+        Ok(self.in_windows(&images, &self.field_of_widths(&own_px)))
+    }
+
+    /// Images of all places, each with the window that is its own.
+    fn images(&self, lit: &Lit, coma_mm: f64) -> Result<Vec<(Kernel, Window)>, OpticsError> {
+        let image = |place: &Place| {
+            let coma = DVec2::new(coma_mm * place.tangent / self.half_width_tan, 0.0);
+            let image = self.image(place, lit, coma)?;
+            let window = windowed_in(&image);
+            Ok((image, window))
+        };
+        self.places.par_iter().map(image).collect()
+    }
+
+    fn in_windows(&self, images: &[(Kernel, Window)], widths_px: &[f64]) -> Seen {
+        let middle = |((place, (image, own)), &wide): ((&Place, &(Kernel, Window)), &f64)| {
+            let at = DVec2::from(windowed_as(image, *own, wide));
+            DVec2::new(place.tangent, 0.0) + at / self.focal_px
+        };
+        Seen {
+            at: self.places.iter().zip(images).zip(widths_px).map(middle).collect(),
+            widths_px: widths_px.to_vec(),
+        }
+    }
+
+    /// What a detector takes for the widths of the places' spots, from their own, px.
+    fn field_of_widths(&self, own_px: &[f64]) -> Vec<f64> {
+        let middle = DVec2::from_array(self.size_px) / 2.0;
+        let radius = |place: &Place| self.focal_px * place.tangent;
+        let spots: Vec<([f64; 2], f64)> = self
+            .places
+            .iter()
+            .zip(own_px)
+            .flat_map(|(place, &sigma)| {
+                (0..ROUND_THE_AXIS).map(move |k| {
+                    let azimuth = 2.0 * PI * (k as f64 + 0.5) / ROUND_THE_AXIS as f64;
+                    (middle + radius(place) * DVec2::from_angle(azimuth), sigma)
+                })
+            })
+            .filter(|(at, _)| at.cmpge(DVec2::ZERO).all() && at.cmplt(2.0 * middle).all())
+            .map(|(at, sigma)| (at.to_array(), sigma))
+            .collect();
+        let map = WidthMap::through(self.size_px, &spots);
+        // Round the axis the field is nearly the same.
+        let at = |place: &Place| map.at_px((middle + radius(place) * middle.normalize()).to_array());
+        self.places.iter().map(at).collect()
     }
 
     fn table(&self, of: &dyn Fn(&Place) -> f64) -> RadialTable {
@@ -283,54 +350,61 @@ impl SpotTracer {
             *per_depth = (still(&waves(depth_mm, DVec2::ZERO))? - seen[0]) / (depth_mm * seen[0]);
         }
         if spots.fans.iter().any(|fan| fan.stripe_mm != spots.fans[0].stripe_mm) {
-            for azimuth in AZIMUTHS {
-                // The display's x along and across the radius.
-                let waves = waves(0.0, DVec2::from_angle(-azimuth));
-                let seen = self.seen_turned(&place, &waves, azimuth, DVec2::ZERO)?;
-                place.turned.push((waves, seen));
-            }
+            // The display's x along and across the radius.
+            let turned = |azimuth: f64| waves(0.0, DVec2::from_angle(-azimuth));
+            place.turned = AZIMUTHS.map(turned).to_vec();
         }
         (place.seen, place.per_depth) = (seen, per_depth);
         place.height_over_tangent_mm = place_mm.x.abs() / seen[0];
         Ok(place)
     }
 
-    /// The line of sight on which a detector finds light of a place, with coma.
+    /// The line of sight on which light of a place is found in a window as wide as its own spot, with coma.
     fn seen(&self, place: &Place, waves: &[Wave], coma_mm: DVec2) -> Result<DVec2, OpticsError> {
-        self.found(place, waves, coma_mm, [self.emission.whole_mm; 2])
+        let image = self.image_of(place, waves, coma_mm, [self.emission.whole_mm; 2])?;
+        Ok(DVec2::new(place.tangent, 0.0) + DVec2::from(windowed_in(&image).at) / self.focal_px)
     }
 
-    /// The same of sub-pixels side by side, where the place is at this azimuth.
-    fn seen_turned(
-        &self,
-        place: &Place,
-        waves: &[Wave],
-        azimuth_rad: f64,
-        coma_mm: DVec2,
-    ) -> Result<DVec2, OpticsError> {
-        let [x, y] = self.emission.sub_pixel_mm;
-        let (sin, cos) = azimuth_rad.sin_cos();
-        self.found(place, waves, coma_mm, [(x * cos).hypot(y * sin), (x * sin).hypot(y * cos)])
+    /// The image of a place, with coma.
+    fn image(&self, place: &Place, lit: &Lit, coma_mm: DVec2) -> Result<Kernel, OpticsError> {
+        match lit {
+            Lit::Round(depth) => {
+                self.image_of(place, &place.waves[*depth], coma_mm, [self.emission.whole_mm; 2])
+            }
+            Lit::Turned(k) => {
+                let [x, y] = self.emission.sub_pixel_mm;
+                let (sin, cos) = AZIMUTHS[*k].sin_cos();
+                let emission_mm = [(x * cos).hypot(y * sin), (x * sin).hypot(y * cos)];
+                self.image_of(place, &place.turned[*k], coma_mm, emission_mm)
+            }
+        }
     }
 
-    fn found(
+    fn image_of(
         &self,
         place: &Place,
         waves: &[Wave],
         coma_mm: DVec2,
         emission_mm: [f64; 2],
-    ) -> Result<DVec2, OpticsError> {
-        let field = DVec2::new(place.tangent, 0.0);
+    ) -> Result<Kernel, OpticsError> {
         let mut terms = [0.0; WAVEFRONT_TERMS];
         (terms[COMA[0]], terms[COMA[1]]) = coma_mm.into();
         let with_coma: Vec<_> = waves.iter().map(|(wave, line)| (wave.plus(&terms), *line)).collect();
-        let frame = KernelFrame { reference: field.to_array(), roll_rad: 0.0 };
+        let frame = KernelFrame { reference: [place.tangent, 0.0], roll_rad: 0.0 };
         let grid = KernelGrid { focal_px: self.focal_px, per_px: PER_PX, half_px: HALF_PX };
         let mut image = clear_kernel(&with_coma, frame, grid)?;
         image.spread([1.0; 2]);
         image.spread(emission_mm.map(|mm| mm * place.px_per_mm));
-        Ok(field + DVec2::from(windowed_in(&image)) / self.focal_px)
+        Ok(image)
     }
+}
+
+/// Which light of the places.
+enum Lit {
+    /// All of it about one point, the display where it is (0) or [`COMA_DEPTH_MM`] away (1).
+    Round(usize),
+    /// Sub-pixels side by side, at one of [`AZIMUTHS`].
+    Turned(usize),
 }
 
 impl ComaTracer for SpotTracer {

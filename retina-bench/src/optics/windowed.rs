@@ -56,8 +56,8 @@ pub(super) fn windowed_mean(rays: &[RayPlace], blur_px: f64) -> [f64; 2] {
 /// Rounds until the windowed mean of an image stands still to 1e-4 px.
 const SETTLED: usize = 14;
 
-/// The windowed mean of an image, px from its middle, from its brightest sample.
-pub(super) fn windowed_in(image: &Kernel) -> [f64; 2] {
+/// The windowed mean of an image, from its brightest sample, and the width that it finds.
+pub(super) fn windowed_in(image: &Kernel) -> Window {
     let side = image.grid.side();
     let brightest = image.values.iter().enumerate().fold(
         (0, 0.0),
@@ -69,36 +69,26 @@ pub(super) fn windowed_in(image: &Kernel) -> [f64; 2] {
     let mut window =
         Window { at: [brightest.0 % side, brightest.0 / side].map(offset), sigma: 2.0 * RANGE_PX[0] };
     for _ in 0..SETTLED {
-        let [across, down] = window.at.map(|at| -> Vec<(f64, f64)> {
-            (0..side)
-                .map(|sample| {
-                    let x = offset(sample) - at;
-                    (x, (-x * x / (2.0 * window.variance())).exp())
-                })
-                .collect()
-        });
-        let mut moments = Moments::default();
-        for (row, &(y, weight)) in image.values.chunks_exact(side).zip(&down) {
-            let mut line = [0.0; 3];
-            for (&value, &(x, weight)) in row.iter().zip(&across) {
-                let light = weight * f64::from(value);
-                line = [line[0] + light, line[1] + light * x, line[2] + light * x * x];
-            }
-            let [light, x, xx] = line.map(|sum| weight * sum);
-            moments.light += light;
-            moments.first = [moments.first[0] + x, moments.first[1] + y * light];
-            moments.second =
-                [moments.second[0] + xx, moments.second[1] + y * x, moments.second[2] + y * y * light];
-        }
-        window.step(&moments, 0.0);
+        window.step(&window.moments(image), 0.0);
+    }
+    window
+}
+
+/// The same by a window for spots of the width `sigma`, px.
+pub(super) fn windowed_as(image: &Kernel, start: Window, sigma: f64) -> [f64; 2] {
+    let mut window = Window { sigma, ..start };
+    for _ in 0..SETTLED {
+        window.step(&window.moments(image), 0.0);
+        window.sigma = sigma;
     }
     window.at
 }
 
-/// A detector's window: its middle, and the width that it takes for the spot's, px.
-struct Window {
-    at: [f64; 2],
-    sigma: f64,
+/// A detector's window: its middle, px from the image's, and the width that it takes for the spot's, px.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Window {
+    pub(super) at: [f64; 2],
+    pub(super) sigma: f64,
 }
 
 /// Weighted light, and its moments about the window's middle.
@@ -120,6 +110,34 @@ impl Moments {
 }
 
 impl Window {
+    /// Weighted moments of an image.
+    fn moments(&self, image: &Kernel) -> Moments {
+        let side = image.grid.side();
+        let offset = |sample: usize| (sample as f64 - (side / 2) as f64) / image.grid.per_px as f64;
+        let [across, down] = self.at.map(|at| -> Vec<(f64, f64)> {
+            (0..side)
+                .map(|sample| {
+                    let x = offset(sample) - at;
+                    (x, (-x * x / (2.0 * self.variance())).exp())
+                })
+                .collect()
+        });
+        let mut moments = Moments::default();
+        for (row, &(y, weight)) in image.values.chunks_exact(side).zip(&down) {
+            let mut line = [0.0; 3];
+            for (&value, &(x, weight)) in row.iter().zip(&across) {
+                let light = weight * f64::from(value);
+                line = [line[0] + light, line[1] + light * x, line[2] + light * x * x];
+            }
+            let [light, x, xx] = line.map(|sum| weight * sum);
+            moments.light += light;
+            moments.first = [moments.first[0] + x, moments.first[1] + y * light];
+            moments.second =
+                [moments.second[0] + xx, moments.second[1] + y * x, moments.second[2] + y * y * light];
+        }
+        moments
+    }
+
     /// Variance of the weight.
     fn variance(&self) -> f64 {
         WEIGHT_RATIO * self.sigma * self.sigma
