@@ -68,6 +68,19 @@ impl Observer for Reporter {
     }
 }
 
+/// A sign of life with the time so far, on a terminal, for work whose end cannot be told beforehand.
+pub(crate) fn working(text: &'static str) -> ProgressBar {
+    if !shows_progress() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{spinner} {msg}, {elapsed}");
+    let spinner = ProgressBar::new_spinner()
+        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
+        .with_message(text);
+    spinner.enable_steady_tick(Duration::from_millis(200));
+    spinner
+}
+
 /// A bar of counted things on standard error.
 pub(crate) fn counter(length: u64, unit: &str) -> ProgressBar {
     let style = ProgressStyle::with_template(&format!(

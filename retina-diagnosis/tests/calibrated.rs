@@ -7,6 +7,7 @@ mod common;
 mod response;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use common::{ARCSEC, Campaign, Point, setup};
 use glam::DVec2;
@@ -16,7 +17,9 @@ use retina_diagnosis::{
     write_model,
 };
 use retina_formats::{Calibration, Measurements, PointsTable};
-use retina_geometry::Setup;
+use retina_geometry::{
+    COMAS_MM, ComaForm, ComaShifts, ComaTracer, RADIAL_KNOTS, RadialTable, Setup, SpotShifts,
+};
 
 /// A lens whose fifth and seventh orders a calibration of a few hundred points follows with a visible error.
 fn lens(p: &Point) -> DVec2 {
@@ -44,6 +47,11 @@ fn against(
     flips: usize,
     effect: &dyn Fn(&Point) -> DVec2,
 ) -> Diagnosis {
+    let data = data_against(setup, calibration, seed, effect);
+    diagnose(&data, &[], &DiagnoseOptions { flips, seed: 1 })
+}
+
+fn data_against(setup: &Setup, calibration: &Path, seed: u64, effect: &dyn Fn(&Point) -> DVec2) -> Dataset {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("table.csv");
     std::fs::write(&path, Campaign::new(seed).table(setup, effect)).unwrap();
@@ -56,11 +64,65 @@ fn against(
         response: None,
         baseline: Baseline::Physical,
     };
-    diagnose(&Dataset::new(&source).unwrap(), &[], &DiagnoseOptions { flips, seed: 1 })
+    Dataset::new(&source).unwrap()
 }
 
 /// Three calibrations, three campaigns without an effect for each: at most 2 alarms of 9 (a rate of 5 % gives more in
 /// 1 %).
+/// Lenses whose coma turns the field's edge the other way as it grows.
+#[derive(Debug)]
+struct Turning;
+
+impl ComaTracer for Turning {
+    fn coma_form(&self, coma_mm: f64) -> Option<ComaForm> {
+        const HALF_TAN: f64 = 0.175;
+        let table = |of: &dyn Fn(f64) -> f64| {
+            let at = |k: usize| of(RadialTable::place(HALF_TAN, k + 1) / HALF_TAN);
+            RadialTable::new(HALF_TAN, std::array::from_fn(at))
+        };
+        let grown = |rho: f64| 1.2e3 * coma_mm * rho.powi(4);
+        let none = table(&|_| 0.0);
+        Some(ComaForm {
+            coma_mm,
+            tangent_per_coma: table(&|rho| 0.3 - 0.8 * rho * rho + grown(rho)),
+            coma_per_depth: none,
+            beyond_proportion: table(&grown),
+            round: [none; 4],
+        })
+    }
+}
+
+/// A coma that lies between those whose forms are known is traced anew: its value is that of the bench, and nothing else
+/// is seen. By the forms alone it is a tenth off, or has others beside it.
+#[test]
+fn a_coma_between_those_traced_is_traced_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let setup = setup();
+    let calibration = calibrated(folder.path(), &setup, 1);
+    let lenses = SpotShifts {
+        height_mm: [50.0, 0.0, 0.0],
+        per_depth: [RadialTable { half_tan: 0.175, values: [-0.02; RADIAL_KNOTS] }; 4],
+        coma: Some(ComaShifts {
+            growing: COMAS_MM.map(|coma_mm| Turning.coma_form(coma_mm).unwrap()),
+            tangent_per_even_coma: [RadialTable { half_tan: 0.175, values: [0.3; RADIAL_KNOTS] }; 2],
+        }),
+    };
+    let coma_mm = 4.6e-4;
+    let truth = Turning.coma_form(coma_mm).unwrap();
+    let data = data_against(&setup, &calibration, 31, &|p| lens(p) + coma_mm * truth.moved(lens(p)))
+        .with_spot_shifts(lenses);
+    let options = DiagnoseOptions { flips: 999, seed: 1 };
+    let coma_um = |found: &Diagnosis| found.physical[0].as_ref().map(|own| [own.value, own.sigma]);
+    let nearest = diagnose(&data, &[], &options);
+    println!("{:?} {:?} {:?}", nearest.accepted, coma_um(&nearest), nearest.unexplained.covariates);
+    let found = diagnose(&data.with_coma_tracer(Arc::new(Turning)), &[], &options);
+    println!("{:?} {:?} {:?}", found.accepted, coma_um(&found), found.unexplained.covariates);
+    assert_eq!((found.verdict, found.accepted.as_slice()), (Verdict::Named, ["flux_coma"].as_slice()));
+    let [value, sigma] = coma_um(&found).unwrap();
+    assert!((value - 0.46).abs() < 3.0 * sigma + 0.002, "{value} {sigma}");
+    assert!(nearest.accepted.len() > 1 || (coma_um(&nearest).unwrap()[0] - 0.46).abs() > 0.02);
+}
+
 #[test]
 fn the_calibrations_own_error_is_no_effect() {
     let setup = setup();

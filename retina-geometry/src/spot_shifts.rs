@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use glam::DVec2;
+
 use crate::cubic_shares;
 
 /// Places at which a [`RadialTable`] has values.
@@ -62,6 +64,17 @@ pub struct ComaForm {
     /// azimuth from x and of twice the azimuth; and across the radius (from x towards y), times its sine and that of twice
     /// the azimuth.
     pub round: [RadialTable; 4],
+}
+
+impl ComaForm {
+    /// What the coma moves a line of sight (tangents) by, times u and over the coma, 1/mm.
+    pub fn moved(&self, sight: DVec2) -> DVec2 {
+        let r = sight.length();
+        let [cos, sin] = sight.normalize_or_zero().to_array();
+        let [along, along_twice, across, across_twice] = self.round.map(|table| table.at(r));
+        let outwards = self.tangent_per_coma.at(r) + along * cos + along_twice * (cos * cos - sin * sin);
+        outwards * sight + (across * sin + across_twice * 2.0 * sin * cos) * sight.perp()
+    }
 }
 
 /// Traces a facility anew with a coma that was found.

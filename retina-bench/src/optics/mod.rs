@@ -6,11 +6,11 @@
 //! same place, so that shapes that are blended have their cores on one another.
 
 mod dense;
-mod depth;
 mod kernels;
 mod place;
 mod scene;
 mod sparse;
+mod spot_tracer;
 mod stray;
 mod windowed;
 
@@ -23,10 +23,10 @@ use retina_optics::facility::{
 };
 use retina_radiometry::QuantumEfficiency;
 
-pub use depth::SpotTracer;
 pub use place::{CameraPose, ExposurePose, facility_system};
 pub use scene::SceneLight;
 pub(crate) use scene::Shown;
+pub use spot_tracer::SpotTracer;
 
 use crate::buffers::Buffers;
 use crate::imperfections::Objective;

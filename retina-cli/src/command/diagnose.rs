@@ -13,6 +13,7 @@ use retina_frames::diagnose_frames;
 use super::workbench::{Input, Material, pictures};
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
+use crate::progress::working;
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -62,15 +63,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let (material, added) = Material::read(&arguments.input, &arguments.effects)?;
     let data = material.data();
-    let (result, added) = match &arguments.catalogue {
+    let kept = arguments.catalogue.as_ref().map(|folder| kept_effects(folder, data)).transpose()?;
+    let spinner = working("looking for effects");
+    let found = match kept {
         None => (diagnose(data, &added, &options), added),
-        Some(folder) => {
-            let (kept, notes) = kept_effects(folder, data)?;
+        Some((kept, notes)) => {
             let (mut result, model) = diagnose_with_kept(data, &added, &kept, &options);
             result.notes.extend(notes);
             (result, model)
         }
     };
+    spinner.finish_and_clear();
+    let (result, added) = found;
     if let Some(path) = &arguments.report {
         let shapes = unexplained_shapes(data, &added, &result)?;
         diagnose_page(data, &added, &result, &shapes).write(path)?;

@@ -85,12 +85,7 @@ fn per_um(data: &Dataset, table: &RadialTable, place: DVec2) -> f64 {
 
 /// What 1 um of coma moves a place by, arcsec.
 fn moved_by(data: &Dataset, form: &ComaForm, place: DVec2) -> DVec2 {
-    let at = |table: &RadialTable| per_um(data, table, place);
-    let [cos, sin] = place.normalize_or_zero().to_array();
-    let [along, along_twice, across, across_twice] = [0, 1, 2, 3].map(|k| at(&form.round[k]));
-    let (cos_twice, sin_twice) = (cos * cos - sin * sin, 2.0 * sin * cos);
-    let outwards = at(&form.tangent_per_coma) + along * cos + along_twice * cos_twice;
-    outwards * place + (across * sin + across_twice * sin_twice) * place.perp()
+    1e-3 * ARCSEC_PER_RAD * form.moved(data.half_tan * place) / data.half_tan
 }
 
 /// Coma that grows with the field, um at half the camera's width: a form for each of the comas that were traced, since
