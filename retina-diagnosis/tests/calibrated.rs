@@ -80,11 +80,11 @@ impl ComaTracer for Turning {
             let at = |k: usize| of(RadialTable::place(HALF_TAN, k + 1) / HALF_TAN);
             RadialTable::new(HALF_TAN, std::array::from_fn(at))
         };
-        let grown = |rho: f64| 1.2e3 * coma_mm * rho.powi(4);
+        let grown = |rho: f64| 2.4e2 * coma_mm * rho.powi(4);
         let none = table(&|_| 0.0);
         Some(ComaForm {
             coma_mm,
-            tangent_per_coma: table(&|rho| 0.3 - 0.8 * rho * rho + grown(rho)),
+            tangent_per_coma: table(&|rho| 0.06 - 0.16 * rho * rho + grown(rho)),
             coma_per_depth: none,
             beyond_proportion: table(&grown),
             round: [none; 4],
@@ -109,8 +109,8 @@ fn a_coma_between_those_traced_is_traced_anew() {
     };
     let coma_mm = 4.6e-4;
     let truth = Turning.coma_form(coma_mm).unwrap();
-    let data = data_against(&setup, &calibration, 31, &|p| lens(p) + coma_mm * truth.moved(lens(p)))
-        .with_spot_shifts(lenses);
+    let seen = |p: &Point| lens(p) + coma_mm / 0.1413 * truth.moved(lens(p));
+    let data = data_against(&setup, &calibration, 31, &seen).with_spot_shifts(lenses);
     let options = DiagnoseOptions { flips: 999, seed: 1 };
     let coma_um = |found: &Diagnosis| found.physical[0].as_ref().map(|own| [own.value, own.sigma]);
     let nearest = diagnose(&data, &[], &options);

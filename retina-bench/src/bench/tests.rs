@@ -368,7 +368,8 @@ fn coma_moves_spots_as_the_workbench_has_it() {
     for (counts, lit) in [([0, 255, 0], 1..2), ([255; 3], 0..3)] {
         let tracer = crate::SpotTracer::new(&setup, 0.175, lit).unwrap();
         let with_coma = |path_mm: f64| {
-            let mut options = BenchOptions::default();
+            let detail = OpticsDetail { lines: 1, ..OpticsDetail::default() };
+            let mut options = BenchOptions { detail, ..BenchOptions::default() };
             options.wrong.objective.coma_mm = path_mm / half_width;
             detected(&Bench::new(&setup, &options).unwrap(), counts)
         };
