@@ -80,11 +80,11 @@ impl ComaTracer for Turning {
             let at = |k: usize| of(RadialTable::place(HALF_TAN, k + 1) / HALF_TAN);
             RadialTable::new(HALF_TAN, std::array::from_fn(at))
         };
-        let grown = |rho: f64| 2.4e2 * coma_mm * rho.powi(4);
+        let grown = |rho: f64| 7.2e2 * coma_mm * rho.powi(4);
         let none = table(&|_| 0.0);
         Some(ComaForm {
             coma_mm,
-            tangent_per_coma: table(&|rho| 0.06 - 0.16 * rho * rho + grown(rho)),
+            tangent_per_coma: table(&|rho| 0.18 - 0.48 * rho * rho + grown(rho)),
             coma_per_depth: none,
             beyond_proportion: table(&grown),
             round: [none; 4],
@@ -93,7 +93,7 @@ impl ComaTracer for Turning {
 }
 
 /// A coma that lies between those whose forms are known is traced anew: its value is that of the bench, and nothing else
-/// is seen. By the forms alone it is a tenth off, or has others beside it.
+/// is seen. By the nearest form it is a quarter too small.
 #[test]
 fn a_coma_between_those_traced_is_traced_anew() {
     let folder = tempfile::tempdir().unwrap();
@@ -117,10 +117,11 @@ fn a_coma_between_those_traced_is_traced_anew() {
     println!("{:?} {:?} {:?}", nearest.accepted, coma_um(&nearest), nearest.unexplained.covariates);
     let found = diagnose(&data.with_coma_tracer(Arc::new(Turning)), &[], &options);
     println!("{:?} {:?} {:?}", found.accepted, coma_um(&found), found.unexplained.covariates);
-    assert_eq!((found.verdict, found.accepted.as_slice()), (Verdict::Named, ["flux_coma"].as_slice()));
+    assert_eq!(found.accepted, ["flux_coma"]);
+    assert!(found.unexplained.covariates.is_empty(), "{:?}", found.unexplained);
     let [value, sigma] = coma_um(&found).unwrap();
     assert!((value - 0.46).abs() < 3.0 * sigma + 0.002, "{value} {sigma}");
-    assert!(nearest.accepted.len() > 1 || (coma_um(&nearest).unwrap()[0] - 0.46).abs() > 0.02);
+    assert!(coma_um(&nearest).unwrap()[0] < 0.4, "{:?}", coma_um(&nearest));
 }
 
 #[test]
