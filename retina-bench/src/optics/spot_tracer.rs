@@ -154,11 +154,15 @@ impl SpotTracer {
         let still = self.both_depths(0.0)?;
         let mut forms =
             COMAS_MM.iter().map(|&coma_mm| self.form(coma_mm, &still)).collect::<Result<Vec<_>, _>>()?;
-        // What more coma adds, from the neighbours that have been traced.
+        // What more coma adds, from the next stronger one that has been traced; of the strongest, from the next weaker one.
         for k in 0..forms.len() {
-            let next = if COMAS_MM[k] < 0.0 { k.checked_sub(1) } else { Some(k + 1) };
-            let (own, other) = (&forms[k], next.and_then(|next| forms.get(next)).unwrap_or(&forms[k]));
-            let step = (other.coma_mm / own.coma_mm - 1.0).max(f64::MIN_POSITIVE);
+            let (stronger, weaker) = if COMAS_MM[k] < 0.0 {
+                (k.checked_sub(1), k + 1)
+            } else {
+                (Some(k + 1), k.saturating_sub(1))
+            };
+            let (own, other) = (&forms[k], stronger.and_then(|k| forms.get(k)).unwrap_or(&forms[weaker]));
+            let step = other.coma_mm / own.coma_mm - 1.0;
             forms[k].beyond_proportion =
                 own.tangent_per_coma.with(&other.tangent_per_coma, |own, other| (other - own) / step);
         }
