@@ -17,8 +17,9 @@ use crate::noise::robust_fit;
 /// Depth within the camera's field from which on it counts, mm: a hundredth to a thirtieth of what it does is not in
 /// proportion to it.
 const DEEP_MM: f64 = 0.02;
-/// Comas that are traced anew, mm: a weaker one does what its form says, and no form is known of a stronger one.
-const COMAS_MM: [f64; 2] = [5e-5, 3e-3];
+/// Comas that are traced anew, mm. A weaker one does what the weakest form says. A stronger one smears spots beyond any
+/// window.
+const TRACED_MM: [f64; 2] = [5e-5, 3e-3];
 /// Part of a coma by which it may change without another trace.
 const SETTLED: f64 = 0.01;
 
@@ -43,6 +44,9 @@ fn value(parameters: &[Parameter], name: &str) -> Option<f64> {
 
 /// Where the effects put the display, if it is deep there and its place was not known yet.
 fn found_depth(data: &Dataset, effects: &[Found<'_>]) -> Option<DisplayDepth> {
+    if data.display_depth != DisplayDepth::default() {
+        return None;
+    }
     let rays = data.display?;
     let mut depth = DisplayDepth::default();
     for (effect, parameters) in effects {
@@ -52,9 +56,6 @@ fn found_depth(data: &Dataset, effects: &[Found<'_>]) -> Option<DisplayDepth> {
             EffectId::Points(PointsEffect::ScreenBow) => depth.bow = both(),
             _ => {}
         }
-    }
-    if data.display_depth != DisplayDepth::default() {
-        return None;
     }
     let (x, y) = (data.values("x"), data.values("y"));
     let deepest =
@@ -69,7 +70,7 @@ fn found_coma(data: &Dataset, effects: &[Found<'_>]) -> Option<ComaForm> {
     let (_, parameters) = effects.iter().find(of_coma)?;
     let coma_mm = 1e-3 * value(parameters, "coma_um")?;
     let settled = data.found_coma.is_some_and(|known| (coma_mm / known.coma_mm - 1.0).abs() < SETTLED);
-    let [least, most] = COMAS_MM;
+    let [least, most] = TRACED_MM;
     (!settled && (least..=most).contains(&coma_mm.abs())).then(|| tracer.coma_form(coma_mm)).flatten()
 }
 

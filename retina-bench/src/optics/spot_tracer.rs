@@ -65,8 +65,8 @@ struct Place {
     px_per_mm: f64,
     /// Its light with the display where it is, and [`COMA_DEPTH_MM`] away.
     waves: [Vec<Wave>; 2],
-    /// Tangents of the lines of sight on which the detector finds them.
-    seen: [f64; 2],
+    /// Tangent of the line of sight on which it is found in a window as wide as its own spot.
+    seen: f64,
     /// Its light at each of [`AZIMUTHS`], where sub-pixels stand side by side; empty where one channel is lit.
     turned: Vec<Vec<Wave>>,
     /// See [`SpotShifts`].
@@ -152,8 +152,10 @@ impl SpotTracer {
 
     fn coma_shifts(&self) -> Result<ComaShifts, OpticsError> {
         let still = self.both_depths(0.0)?;
-        let mut forms =
-            COMAS_MM.iter().map(|&coma_mm| self.form(coma_mm, &still)).collect::<Result<Vec<_>, _>>()?;
+        let mut forms = COMAS_MM
+            .iter()
+            .map(|&coma_mm| Ok(self.form(coma_mm, &self.both_depths(coma_mm)?, &still)))
+            .collect::<Result<Vec<_>, OpticsError>>()?;
         // What more coma adds, from the next stronger one that has been traced; of the strongest, from the next weaker one.
         for k in 0..forms.len() {
             let (stronger, weaker) = if COMAS_MM[k] < 0.0 {
@@ -183,23 +185,22 @@ impl SpotTracer {
         })
     }
 
-    /// A coma's form, all round alike and in proportion; `still` are the places without it, the display where it is and
-    /// away.
-    fn form(&self, coma_mm: f64, still: &[Seen; 2]) -> Result<ComaForm, OpticsError> {
-        let [seen, far] = self.both_depths(coma_mm)?;
-        let tangent_per_coma = self.added(&seen, &still[0], coma_mm).0;
+    /// A coma's form, all round alike and in proportion: from the places with it and without, each with the display where
+    /// it is and away.
+    fn form(&self, coma_mm: f64, with: &[Seen; 2], still: &[Seen; 2]) -> ComaForm {
+        let tangent_per_coma = self.added(&with[0], &still[0], coma_mm).0;
         let coma_per_depth = self
-            .added(&far, &still[1], coma_mm)
+            .added(&with[1], &still[1], coma_mm)
             .0
             .with(&tangent_per_coma, |deep, own| (deep - own) / COMA_DEPTH_MM);
         let none = self.table(&|_| 0.0);
-        Ok(ComaForm { coma_mm, tangent_per_coma, coma_per_depth, beyond_proportion: none, round: [none; 4] })
+        ComaForm { coma_mm, tangent_per_coma, coma_per_depth, beyond_proportion: none, round: [none; 4] }
     }
 
     /// The same, with what more coma does and what sub-pixels side by side do round the axis.
     fn whole_form(&self, coma_mm: f64) -> Result<ComaForm, OpticsError> {
-        let still = self.both_depths(0.0)?;
-        let mut form = self.form(coma_mm, &still)?;
+        let (still, with) = (self.both_depths(0.0)?, self.both_depths(coma_mm)?);
+        let mut form = self.form(coma_mm, &with, &still);
         let changed = |step: f64| {
             let coma_mm = (1.0 + step) * coma_mm;
             Ok::<_, OpticsError>(self.added(&self.seen_round(0, coma_mm)?, &still[0], coma_mm).0)
@@ -210,12 +211,11 @@ impl SpotTracer {
             return Ok(form);
         }
         // All azimuths together make the image that the widths are of.
-        let widths_px = self.seen_round(0, coma_mm)?.widths_px;
         let mut at = Vec::with_capacity(AZIMUTHS.len());
         for k in 0..AZIMUTHS.len() {
-            let with = self.in_windows(&self.images(&Lit::Turned(k), coma_mm)?, &widths_px);
+            let seen = self.in_windows(&self.images(&Lit::Turned(k), coma_mm)?, &with[0].widths_px);
             let without = self.in_windows(&self.images(&Lit::Turned(k), 0.0)?, &still[0].widths_px);
-            at.push(self.added(&with, &without, coma_mm));
+            at.push(self.added(&seen, &without, coma_mm));
         }
         // Along the radius a0 + a1 cos + a2 cos 2, across it b1 sin + b2 sin 2 of the azimuth.
         let [right, up_right, up, up_left, left] = [0, 1, 2, 3, 4].map(|k| at[k]);
@@ -343,15 +343,15 @@ impl SpotTracer {
             height_over_tangent_mm: 0.0,
             px_per_mm,
             waves: [0.0, COMA_DEPTH_MM].map(|depth_mm| waves(depth_mm, DVec2::ZERO)),
-            seen: [0.0; 2],
+            seen: 0.0,
             turned: Vec::new(),
             per_depth: [0.0; DEPTHS_MM.len()],
         };
         let still = |waves: &[Wave]| Ok::<_, OpticsError>(self.seen(&place, waves, DVec2::ZERO)?.x);
-        let seen = [still(&place.waves[0])?, still(&place.waves[1])?];
+        let seen = still(&place.waves[0])?;
         let mut per_depth = [0.0; DEPTHS_MM.len()];
         for (per_depth, depth_mm) in per_depth.iter_mut().zip(DEPTHS_MM) {
-            *per_depth = (still(&waves(depth_mm, DVec2::ZERO))? - seen[0]) / (depth_mm * seen[0]);
+            *per_depth = (still(&waves(depth_mm, DVec2::ZERO))? - seen) / (depth_mm * seen);
         }
         if spots.fans.iter().any(|fan| fan.stripe_mm != spots.fans[0].stripe_mm) {
             // The display's x along and across the radius.
@@ -359,7 +359,7 @@ impl SpotTracer {
             place.turned = AZIMUTHS.map(turned).to_vec();
         }
         (place.seen, place.per_depth) = (seen, per_depth);
-        place.height_over_tangent_mm = place_mm.x.abs() / seen[0];
+        place.height_over_tangent_mm = place_mm.x.abs() / seen;
         Ok(place)
     }
 
@@ -481,7 +481,7 @@ fn heights(half_tan: f64, places: &[Place]) -> [f64; 3] {
     let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
     for place in places {
         // Of parts of the largest field so far.
-        let part = place.seen[0] / half_tan;
+        let part = place.seen / half_tan;
         let row = DVec3::new(1.0, part.powi(2), part.powi(4));
         normal += DMat3::from_cols(row * row.x, row * row.y, row * row.z);
         right += row * place.height_over_tangent_mm;
