@@ -14,7 +14,7 @@ const SETTLED_PX: f64 = 0.01;
 /// Windows reach 3 weights, at most 31 px; narrower than half a pixel is no optics' image.
 const RANGE_PX: [f64; 2] = [0.5, 7.0];
 
-/// Standard deviation of the spots over the image: one field of widths through all that are measured ([`WidthField`]),
+/// Standard deviation of the spots over the image: one field of widths through all that are measured (`WidthField`),
 /// so that windows depend neither on a point's own light or noise nor on how many other points the image holds. (A spot
 /// that is not symmetric has another centroid in another window: means over neighbours, whose reach goes by the points'
 /// density, move the field's edge by an arcsecond between sparse and dense patterns.)
@@ -57,7 +57,8 @@ impl WidthMap {
         Self::through_measured([image.width_px, image.height_px].map(f64::from), &spots)
     }
 
-    /// Through spots of an image with these places and standard deviations (px), three or more.
+    /// Through spots of an image with these places and standard deviations, px. Fewer than three do not say what the
+    /// spots of an image are like: the map is the detector's first width everywhere then.
     pub fn through(size_px: [f64; 2], spots: &[([f64; 2], f64)]) -> Self {
         let spots: Vec<MeasuredWidth> =
             spots.iter().map(|&(at_px, sigma)| MeasuredWidth { at_px, log_sigma: sigma.ln() }).collect();
@@ -65,7 +66,6 @@ impl WidthMap {
     }
 
     fn through_measured(size_px: [f64; 2], spots: &[MeasuredWidth]) -> Self {
-        // Fewer than three do not say what the spots of this image are like.
         if spots.len() < 3 {
             return Self::constant(FIRST_SPOT_SIGMA_PX);
         }
