@@ -51,7 +51,7 @@ impl Flips {
 const TAIL: f64 = 0.01;
 /// The distribution of normal errors counts for this many tests: it finds what is far beyond noise, and else leaves the
 /// levels to the flips.
-const PARAMETRIC: f64 = 10.0;
+pub(crate) const PARAMETRIC: f64 = 10.0;
 
 /// For each candidate (each a list of variants' scores) its p-value, corrected for all that are given.
 ///

@@ -29,6 +29,7 @@ mod json;
 mod kept;
 mod lags;
 mod level;
+mod levels;
 mod linear;
 mod model_file;
 mod next;

@@ -70,20 +70,20 @@ impl RobustFit {
         Some((weights, y))
     }
 
-    /// Outliers that share a value of a column with rows of which more than half are outliers.
+    /// Outliers that share a value of a column with rows of which more than half are outliers: rows of groups that are not
+    /// off as a whole, or several groups that are.
     fn alike(&self, data: &Dataset) -> BTreeSet<usize> {
         let out = |row: &usize| self.weights.outlier[*row];
-        let whole = |group: &&Group| group.rows.clone().all(|row| out(&row));
-        let rows: Vec<usize> = data
-            .groups
-            .iter()
-            .filter(|group| !data.jitters || !whole(group))
-            .flat_map(|group| group.rows.clone())
-            .collect();
+        let mut whole = vec![false; data.len()];
+        for group in data.groups.iter().filter(|_| data.jitters) {
+            if group.rows.clone().all(|row| out(&row)) {
+                whole[group.rows.clone()].fill(true);
+            }
+        }
         let mut found = BTreeSet::new();
         for covariate in &data.covariates {
             let mut with_value: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
-            for &row in &rows {
+            for row in 0..data.len() {
                 with_value.entry(covariate.values[row].to_bits()).or_default().push(row);
                 if with_value.len() > MOST_VALUES {
                     break;
@@ -92,9 +92,17 @@ impl RobustFit {
             if !(2..=MOST_VALUES).contains(&with_value.len()) {
                 continue;
             }
-            for rows in with_value.values().filter(|rows| rows.len() >= FEWEST_ALIKE) {
-                let outliers: Vec<usize> = rows.iter().copied().filter(out).collect();
-                if 2 * outliers.len() > rows.len() {
+            for rows in with_value.into_values() {
+                let off = data
+                    .groups
+                    .iter()
+                    .filter(|group| rows.binary_search(&group.rows.start).is_ok() && whole[group.rows.start]);
+                let own: Vec<usize> = match off.count() {
+                    0 | 1 => rows.into_iter().filter(|row| !whole[*row]).collect(),
+                    _ => rows,
+                };
+                let outliers: Vec<usize> = own.iter().copied().filter(out).collect();
+                if own.len() >= FEWEST_ALIKE && 2 * outliers.len() > own.len() {
                     found.extend(outliers);
                 }
             }

@@ -7,11 +7,12 @@ use rayon::prelude::*;
 use retina_formats::{EffectId, PowerEffect};
 
 use crate::added::AddedEffect;
-use crate::catalogue::{Effect, Variant, effects, wide};
+use crate::catalogue::{Effect, Variant, effects, through_distortion, wide};
 use crate::data::Dataset;
 use crate::diagnose::NotTestable;
 use crate::estimate::is_implausible;
-use crate::flips::{Flips, p_values};
+use crate::flips::{Flips, PARAMETRIC, p_values};
+use crate::levels;
 use crate::noise::{RobustFit, robust_fit};
 use crate::score::{Frame, HeldOut, Score};
 use crate::series::{Outlying, outlying};
@@ -39,6 +40,10 @@ pub(crate) const WHOLE_GROUP: EffectId = EffectId::Power(PowerEffect::Attenuator
 const LEVEL_GROUP: f64 = 0.005;
 /// A label that is wrong is a factor of 2 and more; a tenth of that may be a series' own error.
 const FLOOR_GROUP: f64 = 0.1;
+/// Standard errors of the held-out error by which an effect has to be better before the groups' levels are asked, and most
+/// that are.
+const PROMISING: f64 = 1.0;
+const MOST_ASKED: usize = 6;
 /// More shapes than this are a search.
 const SEARCHED: usize = 12;
 
@@ -59,7 +64,9 @@ impl Prepared<'_> {
 
     /// Second orders and other shapes of its own.
     fn wide(&self, data: &Dataset, variant: usize) -> Vec<Vec<f64>> {
-        wide(data, self.effect.id, &self.variants[variant].shape)
+        let mut own = wide(data, self.effect.id, &self.variants[variant].shape);
+        own.extend(through_distortion(data, self.effect.id, &self.columns[variant]));
+        own
     }
 }
 
@@ -230,7 +237,7 @@ impl<'a> Search<'a> {
         let level = self.level(LEVEL_FIRST[0], LEVEL_LATER[0]);
         let (data, prepared) = (self.data, self.prepared);
         let frame = Frame::with_outliers_cut(data, &self.base, self.fits.of(&self.base));
-        let ranking = rank(&frame, prepared, &self.excluded, self.flips);
+        let ranking = rank(&frame, &self.base, prepared, &self.excluded, self.flips);
         // An unexplained effect that groups have in common is taken for jitter at first, and looks weak beside it.
         let Some(best) = pick(&ranking, level, 0.0, &frame.held_out(&[])) else {
             self.first_ranking.get_or_insert(ranking);
@@ -241,13 +248,13 @@ impl<'a> Search<'a> {
         with_best.extend(prepared[best.index].whole(data, best.variant));
         let weights = self.fits.of(&with_best).weights.clone();
         let frame = Frame::weighted(data, &self.base, weights);
-        let ranking = rank(&frame, prepared, &self.excluded, self.flips);
+        let ranking = rank(&frame, &self.base, prepared, &self.excluded, self.flips);
         let Some(best) = pick(&ranking, level, FLOOR_NOISE, &frame.held_out(&[])) else {
             self.first_ranking.get_or_insert(ranking);
             return false;
         };
         let (index, variant) = (best.index, best.variant);
-        let set = confusable(&frame, prepared, &ranking, best, level, self.flips);
+        let set = confusable(&frame, &self.base, prepared, &ranking, best, level, self.flips);
         self.first_ranking.get_or_insert(ranking);
         self.accept(index, variant, set);
         self.widen();
@@ -283,7 +290,13 @@ fn whole_group(data: &Dataset, base: &[Vec<f64>], prepared: &[Prepared<'_>]) -> 
 }
 
 /// All candidates with p-values and held-out errors, best first.
-fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: &Flips) -> Vec<Ranked> {
+fn rank(
+    frame: &Frame<'_>,
+    base: &[Vec<f64>],
+    prepared: &[Prepared<'_>],
+    excluded: &[bool],
+    flips: &Flips,
+) -> Vec<Ranked> {
     let open: Vec<usize> = (0..prepared.len()).filter(|&i| !excluded[i]).collect();
     let forms: Vec<&Vec<Vec<f64>>> = open.iter().flat_map(|&i| &prepared[i].columns).collect();
     let mut all = frame.scores(&forms).into_iter();
@@ -328,7 +341,30 @@ fn rank(frame: &Frame<'_>, prepared: &[Prepared<'_>], excluded: &[bool], flips: 
         })
         .collect();
     out.sort_by(|a, b| a.held_out.total().total_cmp(&b.held_out.total()));
+    if levels::few_groups(frame.data) {
+        ask_levels(frame, base, prepared, &mut out, forms.len());
+    }
     out
+}
+
+/// p-values by the groups' levels, of the few that promise most on what is left out and that flips do not tell.
+fn ask_levels(
+    frame: &Frame<'_>,
+    base: &[Vec<f64>],
+    prepared: &[Prepared<'_>],
+    ranking: &mut [Ranked],
+    forms: usize,
+) {
+    let before = frame.held_out(&[]);
+    ranking
+        .iter_mut()
+        .filter(|r| r.p_value > LEVEL_LATER[0] && before.beaten_by(&r.held_out) > PROMISING)
+        .take(MOST_ASKED)
+        .par_bridge()
+        .for_each(|r| {
+            let own = levels::p_value(frame.data, base, &prepared[r.index].columns[r.variant]);
+            r.p_value = r.p_value.min(PARAMETRIC * forms as f64 * own);
+        });
 }
 
 /// The one that is worth its name, with the fewest columns of those whose held-out error is within a standard error of
@@ -379,6 +415,7 @@ fn beyond(frame: &Frame<'_>, form: &Variant<'_>, columns: &[Vec<f64>]) -> bool {
 /// mismatch does not count against them.
 fn confusable(
     frame: &Frame<'_>,
+    base: &[Vec<f64>],
     prepared: &[Prepared<'_>],
     ranking: &[Ranked],
     best: &Ranked,
@@ -399,14 +436,23 @@ fn confusable(
     let kept: Vec<bool> = rivals
         .par_iter()
         .map(|rival| {
-            let beside = frame.with(&prepared[rival.index].whole(frame.data, rival.variant));
-            let score = beside.score(&prepared[best.index].columns[best.variant]);
+            let (own, other) = (
+                &prepared[best.index].columns[best.variant],
+                prepared[rival.index].whole(frame.data, rival.variant),
+            );
+            let beside = frame.with(&other);
+            let score = beside.score(own);
+            let by_levels = || {
+                let base: Vec<Vec<f64>> = base.iter().chain(&other).cloned().collect();
+                PARAMETRIC * levels::p_value(frame.data, &base, own)
+            };
             // Of what one ordinary campaign cannot separate it has to be clearly worse.
             let class = prepared[best.index].effect.class.contains(&prepared[rival.index].effect.id);
             (class && rival.held_out.beaten_by(&best.held_out) <= CLEARLY_WORSE)
                 || score.rank() == 0
                 || score.strength(beside.components()) < PART_OF_BEST * best.strength
-                || p_values(&[vec![&score]], flips)[0] > LEVEL_SET
+                || (p_values(&[vec![&score]], flips)[0] > LEVEL_SET
+                    && !(levels::few_groups(frame.data) && by_levels() <= LEVEL_SET))
         })
         .collect();
     out.extend(rivals.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(rival, _)| rival.index));

@@ -76,24 +76,31 @@ fn weighted_median(mut values: Vec<(f64, f64)>) -> f64 {
     values.iter().find(reaches_half).map_or(0.0, |(value, _)| *value)
 }
 
-/// Probability that Student's t with `free` degrees of freedom is further from 0 than `t`, by integrating
-/// cos^(free - 1) over the angle atan(sqrt(free) / t) that is left (Abramowitz and Stegun, 26.7.1, t = sqrt(free) tan).
+/// Probability that Student's t with `free` degrees of freedom is further from 0 than `t`.
 pub(crate) fn two_sided(t: f64, free: usize) -> f64 {
-    let power = free as i32 - 1;
-    // sin^power from 0 to an angle, the complement of the cosine's tail.
+    ratio_beyond(t * t, 1, free)
+}
+
+/// Probability that a ratio of mean squares with `rank` and `free` degrees of freedom (Fisher's F) is larger than `f`:
+/// the incomplete beta function (Abramowitz and Stegun, 26.6.2), by integrating sin^(free - 1) cos^(rank - 1) over the
+/// angle from 0 to atan(sqrt(free / (rank f))).
+pub(crate) fn ratio_beyond(f: f64, rank: usize, free: usize) -> f64 {
+    let (up, down) = (free as i32 - 1, rank as i32 - 1);
     let integral = |to: f64| -> f64 {
         const STEPS: usize = 400;
         let step = to / STEPS as f64;
         (0..=STEPS)
             .map(|k| {
                 let factor = [2.0, 4.0][k % 2] - f64::from(u8::from(k == 0 || k == STEPS));
-                factor * (step * k as f64).sin().powi(power)
+                let (sin, cos) = (step * k as f64).sin_cos();
+                factor * sin.powi(up) * cos.powi(down)
             })
             .sum::<f64>()
             * step
             / 3.0
     };
-    (integral(((free as f64).sqrt() / t).atan()) / integral(0.5 * std::f64::consts::PI)).min(1.0)
+    let angle = (free as f64 / rank as f64).sqrt().atan2(f.max(0.0).sqrt());
+    (integral(angle) / integral(0.5 * std::f64::consts::PI)).min(1.0)
 }
 
 #[cfg(test)]
@@ -106,6 +113,17 @@ mod tests {
         {
             let found = super::two_sided(t, free);
             assert!((found / p - 1.0).abs() < 5e-3, "{t} {free} {found}");
+        }
+    }
+
+    /// Upper 5 % and 1 % points of F (R. A. Fisher, F. Yates, Statistical Tables, table V).
+    #[test]
+    fn fishers_distribution() {
+        for (f, rank, free, p) in
+            [(4.10, 2, 10, 0.05), (3.49, 3, 12, 0.0500), (5.85, 2, 20, 0.01), (4.43, 4, 20, 0.01)]
+        {
+            let found = super::ratio_beyond(f, rank, free);
+            assert!((found / p - 1.0).abs() < 1e-2, "{f} {rank} {free} {found}");
         }
     }
 }

@@ -52,6 +52,15 @@ pub(crate) fn too_little(
         );
         return Some((why, repeat));
     }
+    if noise.structured > noise.floor() {
+        let why = format!(
+            "errors scatter by {:.3} {unit} beyond a noise of {:.3} {unit}, and nothing that was found says why: {groups} {group} are too few",
+            noise.structured,
+            noise.floor(),
+            unit = data.kind.unit()
+        );
+        return Some((why, repeat));
+    }
     if let Some(stated) = stated(data, weights)
         && noise.floor().hypot(noise.structured) > BEYOND_STATED * stated
     {

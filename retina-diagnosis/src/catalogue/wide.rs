@@ -16,6 +16,28 @@ pub(crate) fn wide(data: &Dataset, effect: EffectId, shape: &[(&'static str, f64
     }
 }
 
+/// What steady lenses make of an effect that lies before them: a shift d at u is moved by the radial term's own slope,
+/// d r^2 + 2 u (u.d), in proportion to the distortion that the baseline fits. One column for each of the effect's.
+pub(crate) fn through_distortion(data: &Dataset, effect: EffectId, columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    use PointsEffect as E;
+    let behind = matches!(effect, EffectId::Points(E::CameraPixelPhase | E::CameraPointing));
+    if !matches!(effect, EffectId::Points(_)) || behind {
+        return Vec::new();
+    }
+    let (x, y) = (data.values("x"), data.values("y"));
+    let bent = |column: &Vec<f64>| -> Vec<f64> {
+        column
+            .chunks_exact(2)
+            .zip(x.iter().zip(y))
+            .flat_map(|(d, (x, y))| {
+                let (r2, along) = (x * x + y * y, 2.0 * (x * d[0] + y * d[1]));
+                [d[0] * r2 + x * along, d[1] * r2 + y * along]
+            })
+            .collect()
+    };
+    columns.iter().map(bent).collect()
+}
+
 /// Time constants of settling, of the table's time.
 const SETTLING: [f64; 8] = [0.02, 0.035, 0.06, 0.1, 0.17, 0.3, 0.5, 0.9];
 
@@ -94,7 +116,12 @@ fn points(data: &Dataset, effect: PointsEffect, shape: &[(&'static str, f64)]) -
             own
         }
         E::FluxShift if steady.is_some() => Vec::new(),
-        E::ScreenTilt | E::CameraPointing => times(&one, &plane),
+        E::CameraPointing => times(&one, &plane),
+        // Lenses that are not those of the setup make something else of a depth: its leading form, too.
+        E::ScreenTilt => {
+            let leading: [Placed; 2] = [|x, y| scaled(x, y, x), |x, y| scaled(x, y, y)];
+            [times(&one, &plane), times(&one, &leading)].concat()
+        }
         E::Decentering | E::OpticalCentre => times(&one, &lens),
         E::ThinPrism => {
             let forms: [Placed; 4] = [
@@ -114,7 +141,9 @@ fn points(data: &Dataset, effect: PointsEffect, shape: &[(&'static str, f64)]) -
             times(&one, &forms)
         }
         E::ScreenBow => {
-            let forms: [Placed; 4] = [
+            let forms: [Placed; 6] = [
+                |x, y| scaled(x, y, x * x - y * y),
+                |x, y| scaled(x, y, x * y),
                 |x, y| scaled(x, y, (x * x - y * y) * (x * x + y * y).powi(2)),
                 |x, y| scaled(x, y, x * y * (x * x + y * y).powi(2)),
                 |x, y| scaled(x, y, (x * x - y * y).powi(2)),
@@ -123,19 +152,20 @@ fn points(data: &Dataset, effect: PointsEffect, shape: &[(&'static str, f64)]) -
             times(&one, &forms)
         }
         E::FluxComa => light.map_or_else(Vec::new, |l| {
-            (1..=5)
-                .flat_map(|k| {
-                    let forms: [Placed; 6] = [
-                        outwards[0],
-                        outwards[1],
-                        outwards[2],
-                        |x, y| scaled(x, y, x.hypot(y).powi(3)),
-                        |x, y| scaled(x, y, (x * x + y * y).powi(2)),
-                        |x, y| scaled(x, y, x.hypot(y).sqrt()),
-                    ];
-                    times(&|i| l[i].powi(k), &forms)
-                })
-                .collect()
+            // Where the light shifts nothing is not known: a part of the form does not depend on it.
+            let steady: [Placed; 2] = [outwards[1], |x, y| scaled(x, y, x.hypot(y).sqrt())];
+            let with_light = (1..=5).flat_map(|k| {
+                let forms: [Placed; 6] = [
+                    outwards[0],
+                    outwards[1],
+                    outwards[2],
+                    |x, y| scaled(x, y, x.hypot(y).powi(3)),
+                    |x, y| scaled(x, y, (x * x + y * y).powi(2)),
+                    |x, y| scaled(x, y, x.hypot(y).sqrt()),
+                ];
+                times(&|i| l[i].powi(k), &forms)
+            });
+            times(&one, &steady).into_iter().chain(with_light).collect()
         }),
         E::FluxShift => {
             light.map_or_else(Vec::new, |l| (2..=6).flat_map(|k| times(&|i| l[i].powi(k), &shift)).collect())
