@@ -88,12 +88,12 @@ class Campaign:
         hours = self.at_s / 3600
         span = hours[-1]
         self.cycled = random.random() < 0.6
-        period = span / random.uniform(1.5, 4)
-        self.exposure_temperature = 21 + (
-            2.5 * np.sin(2 * np.pi * hours / period + random.uniform(0, 6))
-            if self.cycled
-            else 4 * (1 - np.exp(-hours / (0.4 * span)))
+        period, phase = span / random.uniform(1.5, 4), random.uniform(0, 6)
+        self.room = lambda t: 21 + (
+            2.5 * np.sin(2 * np.pi * t / period + phase) if self.cycled else 4 * (1 - np.exp(-np.maximum(t, 0) / (0.4 * span)))
         )
+        self.before_h = random.choice([0.0, 2.0])  # how long the bench has followed the room when the first exposure is taken
+        self.exposure_temperature = self.room(hours)
         self.time_s = self.at_s[self.image]
         self.temperature = self.exposure_temperature[self.image]
         self.load = np.clip(random.gamma(2.0, 0.08, self.rows), 0, 1)
@@ -125,13 +125,15 @@ class Campaign:
         )
 
     def lagged(self, tau_s):
-        """Exposures' temperature behind a first-order lag."""
-        inside = np.empty(self.exposures)
-        inside[0] = self.exposure_temperature[0]
-        for k in range(1, self.exposures):
-            gain = 1 - np.exp(-(self.at_s[k] - self.at_s[k - 1]) / tau_s)
-            inside[k] = inside[k - 1] + gain * (self.exposure_temperature[k] - inside[k - 1])
-        return (inside - inside.mean())[self.image][:, None]
+        """The bench's temperature behind a first-order lag of the room's, in steps of a second, less its mean."""
+        t = np.arange(-3600 * self.before_h, self.at_s[-1] + 2.0)
+        room = self.room(t / 3600)
+        inside = np.empty_like(room)
+        inside[0] = room[0]
+        for k in range(1, len(t)):
+            inside[k] = inside[k - 1] + (1 - np.exp(-1 / tau_s)) * (room[k] - inside[k - 1])
+        own = np.interp(self.at_s, t, inside)
+        return (own - own.mean())[self.image][:, None]
 
 
 def law_of_light(random, flux):

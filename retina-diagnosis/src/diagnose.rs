@@ -25,6 +25,7 @@ use crate::sufficient::{note_of_runs, too_little};
 use crate::together::Together;
 use crate::unexplained::{Unexplained, unexplained};
 use crate::verdict::{Findings, Verdict, too_many_outliers};
+use crate::wander::correlation;
 
 /// What is asked of a diagnosis.
 #[derive(Debug, Clone)]
@@ -43,6 +44,9 @@ impl Default for DiagnoseOptions {
 
 /// Most effects that are accepted.
 const MOST_ACCEPTED: usize = 4;
+
+/// A correlation of exposures that is less than that of the table by so much is another one.
+const LESS_WANDER: f64 = 0.2;
 
 /// Most times that the search is repeated with forms made anew.
 const MOST_SEARCHES: usize = 2;
@@ -111,10 +115,21 @@ const CLEAR_SIGMAS: f64 = 2.0;
 
 /// Diagnoses a table; `added` effects belong to the model already.
 pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions) -> Diagnosis {
-    let (mut found, mut parameters) = search(data, added, options, MOST_ACCEPTED, false);
+    let wanted = Wanted { most: MOST_ACCEPTED, later: false, wander: None };
+    let (mut found, mut accounts) = search(data, added, options, &wanted);
+    // What an effect does from exposure to exposure looks like a mount that wanders until it is known.
+    let wander = accounts.wander.filter(|wander| found.noise.wander - wander >= LESS_WANDER);
+    let wanted = Wanted { wander, ..wanted };
+    if let Some(wander) = wander {
+        (found, accounts) = search(data, added, options, &wanted);
+        found.notes.push(format!(
+            "beside what was found exposures follow each other with a correlation of {wander:.2}, not of {:.2}: the tests take the former",
+            found.noise.wander
+        ));
+    }
     let mut about: Option<Dataset> = None;
     for _ in 0..MOST_SEARCHES {
-        let effects = parameters.iter().map(|(effect, own)| (*effect, own.as_slice()));
+        let effects = accounts.effects.iter().map(|(effect, own)| (*effect, own.as_slice()));
         let Some(mut next) = retraced(about.as_ref().unwrap_or(data), effects) else { break };
         if next.found_coma.is_some() {
             // Ids of the catalogue: each of them reads.
@@ -122,7 +137,7 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
             let model: Vec<AddedEffect> = added.iter().cloned().chain(accepted).collect();
             next = settled(&next, &model).0.unwrap_or(next);
         }
-        (found, parameters) = search(&next, added, options, MOST_ACCEPTED, false);
+        (found, accounts) = search(&next, added, options, &wanted);
         about = Some(next);
     }
     found
@@ -135,19 +150,34 @@ pub fn diagnose_step(
     options: &DiagnoseOptions,
     later: bool,
 ) -> Diagnosis {
-    search(data, added, options, 1, later).0
+    search(data, added, options, &Wanted { most: 1, later, wander: None }).0
 }
 
-/// Accepted effects with their parameters.
-type Accounts = Vec<(EffectId, Vec<Parameter>)>;
+/// How a search is made.
+struct Wanted {
+    /// Most effects that are accepted.
+    most: usize,
+    /// Others were found before.
+    later: bool,
+    /// Correlation of groups that follow each other, where it is known better than from the table by itself.
+    wander: Option<f64>,
+}
+
+/// What a search leaves to those that follow.
+struct Accounts {
+    /// Accepted effects with their parameters.
+    effects: Vec<(EffectId, Vec<Parameter>)>,
+    /// Correlation of groups that follow each other beside the accepted effects; `None` where the table has none, or nothing
+    /// was accepted.
+    wander: Option<f64>,
+}
 
 /// Runs the search, judges what is left, and puts the answer together.
 fn search(
     data: &Dataset,
     added: &[AddedEffect],
     options: &DiagnoseOptions,
-    most: usize,
-    later: bool,
+    wanted: &Wanted,
 ) -> (Diagnosis, Accounts) {
     let thinned = data.thinned(MOST_ROWS);
     let (scatter, (prepared, not_testable)) =
@@ -158,13 +188,14 @@ fn search(
     if let Some(noise) = &scatter {
         noise.apply(&mut adjusted.data);
     }
+    adjusted.data.wander = wanted.wander.unwrap_or(adjusted.data.wander);
     let data = &adjusted.data;
     let flips = Flips::draw(data, options.flips, options.seed);
     notes.extend(note_of_runs(data));
     let baseline: Vec<Vec<f64>> = adjusted.base.clone();
-    let mut found = Search::new(data, &prepared, &flips, baseline.clone(), later);
+    let mut found = Search::new(data, &prepared, &flips, baseline.clone(), wanted.later);
     notes.extend(found.whole_group());
-    while found.accepted.len() < most && found.step() {}
+    while found.accepted.len() < wanted.most && found.step() {}
 
     let (fit, steps) = loop {
         let fit = found.fit();
@@ -233,7 +264,9 @@ fn search(
             indistinguishable.push(prepared[i].effect.name());
         }
     }
-    let (accounts, physical) = quantities(data, &baseline, &prepared, &found.accepted, &fit.weights);
+    let wander = (data.wander > 0.0 && !found.accepted.is_empty())
+        .then(|| correlation(data, &fit.residual, &fit.weights));
+    let (effects, physical) = quantities(data, &baseline, &prepared, &found.accepted, &fit.weights);
     notes.extend(found.accepted.iter().zip(&physical).filter_map(|(own, physical)| {
         let physical = physical.as_ref().filter(|p| p.value.abs() < CLEAR_SIGMAS * p.sigma)?;
         Some(format!(
@@ -262,7 +295,7 @@ fn search(
         kept: Vec::new(),
         notes,
     };
-    (diagnosis, accounts)
+    (diagnosis, Accounts { effects, wander })
 }
 
 /// The last accepted effect whose step does not lower the error of what is left out.
@@ -290,7 +323,7 @@ fn quantities(
     prepared: &[Prepared<'_>],
     accepted: &[Accepted],
     weights: &Weights,
-) -> (Accounts, Vec<Option<Physical>>) {
+) -> (Vec<(EffectId, Vec<Parameter>)>, Vec<Option<Physical>>) {
     let mut columns = baseline.to_vec();
     for own in accepted {
         columns.extend(prepared[own.index].columns[own.variant].iter().cloned());

@@ -24,14 +24,15 @@ use crate::wander;
 
 /// Rows that are looked at.
 const MOST_ROWS: usize = 20_000;
-/// Degree of the regression over the field.
-const FIELD_DEGREE: i32 = 5;
+/// Degrees of the regression over the field: the first that the rows allow.
+const FIELD_DEGREES: [i32; 2] = [5, 3];
 /// Screens significant at this level are taken out.
 const LEVEL: f64 = 0.01;
 /// Most of them.
 const MOST_SCREENS: usize = 5;
 const FLIPS: usize = 499;
-/// A regression takes a part of the errors with it: numbers measured for each of its columns.
+/// A regression takes a part of the errors with it: numbers measured for each of its columns, and for each group's own
+/// level.
 const SPARE: usize = 4;
 /// Fewest pairs of neighbours that tell a scatter.
 const FEWEST_PAIRS: usize = 60;
@@ -95,11 +96,13 @@ pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
     }
     let thinned = data.thinned(MOST_ROWS);
     let data = thinned.as_ref().unwrap_or(data);
-    let mut columns = flexible(data);
-    let too_flexible = data.len() * data.components() < SPARE * columns.len();
-    if too_flexible {
-        columns.truncate(data.baseline_terms().len());
-    }
+    let levels = if data.jitters { data.components() * data.groups.len() } else { 0 };
+    let spare = |columns: usize| data.len() * data.components() >= SPARE * (columns + levels);
+    let regressions = FIELD_DEGREES.into_iter().map(|degree| flexible(data, degree));
+    let found = regressions.into_iter().find(|columns| spare(columns.len()));
+    let too_flexible = found.is_none();
+    let mut columns =
+        found.unwrap_or_else(|| data.baseline_terms().iter().map(|term| data.column(term)).collect());
     let wander = {
         let fit = robust_fit(data, &columns);
         wander::correlation(data, &fit.residual, &fit.weights)
@@ -115,7 +118,11 @@ pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
             .filter(|&i| p[i] <= LEVEL)
             .max_by(|&a, &b| all[a].score.statistic.total_cmp(&all[b].score.statistic));
         let Some(i) = strongest else { break };
-        columns.extend(columns_of(data, &all[i].covariates));
+        let further = columns_of(data, &all[i].covariates);
+        if !spare(columns.len() + further.len()) {
+            break;
+        }
+        columns.extend(further);
     }
     let fit = robust_fit(data, &columns);
     let weights = &fit.weights;
@@ -135,7 +142,8 @@ pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
             let beyond = between.ratio - within.ratio;
             shared_within = beyond > CLEARLY * within.error.hypot(between.error);
             let own = if shared_within { beyond } else { 0.0 };
-            (within.ratio.min(between.ratio).min(1.0) * regression, own * regression + jitter2)
+            let pooled = if shared_within { within.ratio } else { within.beside(&between) };
+            (pooled.min(1.0) * regression, own * regression + jitter2)
         }
         (Some(one), None) | (None, Some(one)) => {
             source.push(format!("{} pairs of neighbours", one.pairs));
@@ -206,15 +214,15 @@ fn mean_square(weights: &Weights) -> f64 {
 }
 
 /// The baseline with what is smooth in the field, the light and the colour.
-fn flexible(data: &Dataset) -> Vec<Vec<f64>> {
+fn flexible(data: &Dataset, field_degree: i32) -> Vec<Vec<f64>> {
     let mut out: Vec<Vec<f64>> = data.baseline_terms().iter().map(|term| data.column(term)).collect();
     if data.kind != TableKind::Points {
         return out;
     }
     let (x, y) = (data.values("x"), data.values("y"));
     let mut add = |value: &dyn Fn(usize) -> [f64; 2]| out.push((0..data.len()).flat_map(value).collect());
-    if !matches!(data.baseline, Baseline::Polynomial(degree) if degree as i32 >= FIELD_DEGREE) {
-        for total in 2..=FIELD_DEGREE {
+    if !matches!(data.baseline, Baseline::Polynomial(degree) if degree as i32 >= field_degree) {
+        for total in 2..=field_degree {
             for i in 0..=total {
                 let value = |row: usize| x[row].powi(i) * y[row].powi(total - i);
                 add(&|row| [value(row), 0.0]);
@@ -252,6 +260,14 @@ struct Difference {
     pairs: usize,
 }
 
+impl Difference {
+    /// Mean of both, by their pairs.
+    fn beside(&self, other: &Self) -> f64 {
+        let [own, others] = [self.pairs, other.pairs].map(|pairs| pairs as f64);
+        (own * self.ratio + others * other.ratio) / (own + others)
+    }
+}
+
 /// Pairs of rows, and their differences in sigmas that the weights expect.
 type Differences = (Vec<(usize, usize)>, Vec<DVec2>);
 
@@ -264,6 +280,8 @@ fn neighbours(
     let n = data.components();
     let mut group_of = vec![0; data.len()];
     let mut level = vec![[0.0; 2]; data.groups.len()];
+    // Part of a row's variance that its group's level takes with it.
+    let mut taken = vec![0.0; data.len()];
     for (g, group) in data.groups.iter().enumerate() {
         group_of[group.rows.clone()].fill(g);
         let sum: f64 = weights.weight[group.rows.clone()].iter().sum();
@@ -271,6 +289,9 @@ fn neighbours(
             let along: f64 =
                 group.rows.clone().map(|row| weights.weight[row] * residual[row * n + axis]).sum();
             level[g][axis] = if data.jitters && sum > 0.0 { along / sum } else { 0.0 };
+        }
+        if data.jitters && sum > 0.0 {
+            group.rows.clone().for_each(|row| taken[row] = weights.weight[row] / sum);
         }
     }
     let rows: Vec<usize> = (0..data.len()).filter(|&row| !weights.outlier[row]).collect();
@@ -282,7 +303,12 @@ fn neighbours(
         let differences: Vec<DVec2> = pairs
             .iter()
             .map(|&(i, j)| {
-                let sigma = weights.sigma[i].hypot(weights.sigma[j]);
+                // Rows of one group share its level, which cancels.
+                let own = |row: usize| {
+                    let left = if group_of[i] == group_of[j] { 1.0 } else { 1.0 - taken[row] };
+                    weights.sigma[row] * left.max(0.0).sqrt()
+                };
+                let sigma = own(i).hypot(own(j));
                 let axis = |a: usize| {
                     let own = |row: usize| residual[row * n + a] - level[group_of[row]][a];
                     if a < n { (own(i) - own(j)) / sigma } else { 0.0 }

@@ -198,7 +198,15 @@ fn points(data: &Dataset, effect: PointsEffect, shape: &[(&'static str, f64)]) -
         E::ThermalBoresight | E::ThermalFocal => {
             let forms: &[Placed] = if effect == E::ThermalFocal { &outwards[..1] } else { &shift };
             let lags = super::point_forms::lags(data).unwrap_or_default();
-            lags.iter().flat_map(|(_, lagged)| times(&|i| lagged[i], forms)).collect()
+            let mut own: Vec<Vec<f64>> =
+                lags.iter().flat_map(|(_, lagged)| times(&|i| lagged[i], forms)).collect();
+            // A bench that was not as warm as its sensor when the first exposure was taken.
+            if let Some(time) = data.varying("time_s") {
+                let start = time.iter().copied().fold(f64::INFINITY, f64::min);
+                let late = lags.iter().map(|(tau_s, _)| *tau_s).filter(|tau_s| *tau_s > 0.0);
+                own.extend(late.flat_map(|tau_s| times(&|i| (-(time[i] - start) / tau_s).exp(), forms)));
+            }
+            own
         }
         E::Drift => powers_of_time(data, &[0.3, 0.5, 1.0, 2.0, 3.0], |p| times(p, &shift)),
         E::RollDrift => powers_of_time(data, &[0.5, 1.0, 2.0, 3.0], |p| times(p, &[|x, y| [-y, x]])),
