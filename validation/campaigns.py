@@ -6,7 +6,7 @@ that change in an exposure or between exposures; channels, temperature cycles or
 with stated sigmas or without. `retina diagnose` is asked what it says of each. An oracle that knows the effect's form
 and the noise says whether it could be seen.
 
-    python validation/campaigns.py --retina target/release/retina --out DIR [--seed N] [--sets N] [--jobs N]
+    python validation/campaigns.py --retina target/release/retina --out DIR [--seed N] [--sets N] [--nulls N] [--jobs N]
 
 Right: the true effect or one that EFFECTS' classes do not tell from it, nothing else, nothing left. Needs numpy.
 """
@@ -318,11 +318,12 @@ def main():
     parser.add_argument("--retina", required=True)
     parser.add_argument("--out", type=pathlib.Path, required=True)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--sets", type=int, default=2, help="of each effect and strength, and nulls ten times as many")
+    parser.add_argument("--sets", type=int, default=2, help="of each effect and strength")
+    parser.add_argument("--nulls", type=int, default=20, help="campaigns without an effect")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     plan = [(name, strength) for name in EFFECTS for strength in STRENGTHS for _ in range(options.sets)]
-    plan += [(None, 0.0)] * (10 * options.sets)
+    plan += [(None, 0.0)] * options.nulls
 
     def one(task):
         number, (name, strength) = task

@@ -4,6 +4,7 @@ use retina_files::InputError;
 use retina_formats::{Channel, RadiometricCalibration, efficiencies};
 use retina_geometry::Setup;
 
+use crate::series::{self, SeriesScatter};
 use crate::{ChannelResponse, PowerReadings};
 
 /// White (all channels at one count) against the channels one by one.
@@ -26,6 +27,8 @@ pub struct Calibrated {
     pub fits: [ChannelResponse; 3],
     /// Whether white is the sum of its channels, where white was measured.
     pub additivity: Option<Additivity>,
+    /// How far series repeat, where rows name theirs.
+    pub series: Option<SeriesScatter>,
     /// The tables and their hashes.
     pub readings: PowerReadings,
 }
@@ -53,9 +56,12 @@ impl Calibrated {
     ///
     /// # Errors
     /// Readings that no rising response explains, or a sensor that sees none of the display's light.
-    pub fn fit(setup: &Setup, readings: PowerReadings) -> Result<Self, InputError> {
+    pub fn fit(setup: &Setup, mut readings: PowerReadings) -> Result<Self, InputError> {
+        let series = series::settle(&mut readings);
         let fit = |channel: Channel| {
-            ChannelResponse::fit(channel, &readings.channels[channel as usize], &readings.files)
+            let own = &readings.channels[channel as usize];
+            let fit = ChannelResponse::fit(channel, own, &readings.files)?;
+            Ok(fit.known_to(series.map_or(0.0, |series| series.channel_relative[channel as usize])))
         };
         let [r, g, b] = Channel::COLOURS;
         let mut fits = [fit(r)?, fit(g)?, fit(b)?];
@@ -78,7 +84,8 @@ impl Calibrated {
                  in W m^-2 at the camera's pupil?"
             ));
         }
-        Ok(Self { calibration, fits, additivity, readings })
+        fits[0].warnings.extend(series.as_ref().and_then(series::warning));
+        Ok(Self { calibration, fits, additivity, series, readings })
     }
 
     /// As [`RadiometricCalibration::for_setup`], the fits as well.
@@ -108,7 +115,7 @@ fn additivity(
         .filter(|reading| reading.is_lit() && reading.count > 0)
         .map(|reading| {
             let sum: f64 = calibration.channels.iter().map(|c| c.irradiance_w_m2[reading.count]).sum();
-            (reading.irradiance_w_m2 - zero) / (reading.pixels() * sum)
+            (reading.irradiance_w_m2 - zero) / (reading.gain * reading.pixels() * sum)
         })
         .collect();
     if ratios.is_empty() {

@@ -125,6 +125,17 @@ impl ChannelResponse {
         self
     }
 
+    /// The same with light that is known but for a factor of this standard deviation.
+    pub(crate) fn known_to(mut self, relative: f64) -> Self {
+        let with = |sigma: f64, light: f64| sigma.hypot(relative * light);
+        self.sigma_w_m2.iter_mut().zip(&self.irradiance_w_m2).for_each(|(s, light)| *s = with(*s, *light));
+        self.full_w_m2.sigma = with(self.full_w_m2.sigma, self.full_w_m2.value);
+        if let Some(ln_full) = self.covariance.first_mut().and_then(|row| row.first_mut()) {
+            *ln_full += relative * relative;
+        }
+        self
+    }
+
     /// Its curve alone.
     pub(crate) fn curve(&self) -> ChannelCurve {
         ChannelCurve {
@@ -267,7 +278,7 @@ fn refuse_late(readings: &[Reading], fit: &Fit, sigma: &[f64], at: At<'_>) -> Re
 const FALL_OFF_SIGMAS: f64 = 3.0;
 
 /// The power law with its readings' sigmas: stated ones, or those that the noise of a flexible fit gives.
-fn power_law(
+pub(crate) fn power_law(
     readings: &[Reading],
     counts: &[usize],
     warnings: &mut Vec<String>,

@@ -107,6 +107,9 @@ pub fn json_document(calibrated: &Calibrated, setup: &Setup) -> Value {
             // Counts 0 have no magnitude: null.
             "magnitude": grey(&|c| calibration.magnitude(c)),
         },
+        "series": calibrated.series.map(|s| {
+            json!({ "count": s.series, "relative_scatter": s.relative, "channel_relative_sigma": s.channel_relative })
+        }),
         "additivity": calibrated.additivity.map(|a| {
             json!({ "white_over_sum": a.ratio, "sigma": a.sigma, "readings": a.readings })
         }),
@@ -179,6 +182,12 @@ pub fn summary(calibrated: &Calibrated, setup: &Setup) -> Vec<String> {
         })
         .collect();
     lines.push(format!("shown minus true magnitude with full spectra (eq. 8): {}", stars.join(", ")));
+    if let Some((count, relative)) = calibrated.series.and_then(|s| Some((s.series, s.relative?))) {
+        lines.push(format!(
+            "{count} series repeat within {:.2} % (each has a factor of its own)",
+            100.0 * relative
+        ));
+    }
     if let Some(a) = calibrated.additivity {
         lines.push(format!("white over r + g + b: {:.4} +- {:.4}", a.ratio, a.sigma));
     }

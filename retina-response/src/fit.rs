@@ -60,9 +60,9 @@ impl Fit {
         if reading.is_lit() { self.area(reading) * self.pixel(reading.count) + self.zero } else { self.zero }
     }
 
-    /// Pixels in the middle of the field that give as much light as the reading's square.
+    /// Pixels in the middle of the field that give as much light as the reading's square, as its series reads it.
     pub(crate) fn area(&self, reading: &Reading) -> f64 {
-        reading.pixels() * (1.0 - self.fall_off * self.relative_square(reading))
+        reading.gain * reading.pixels() * (1.0 - self.fall_off * self.relative_square(reading))
     }
 
     fn relative_square(&self, reading: &Reading) -> f64 {
@@ -168,7 +168,7 @@ impl Fit {
             row[zero] = 1.0 / sigma;
         }
         if let Some(fall_off) = self.fall_off_index() {
-            let lost = reading.pixels() * self.relative_square(reading);
+            let lost = reading.gain * reading.pixels() * self.relative_square(reading);
             row[fall_off] = -lost * self.pixel(reading.count) / sigma;
         }
         row
@@ -238,7 +238,7 @@ pub(crate) fn power_law_start(readings: &[Reading], sigma: &[f64], constants: Co
         for round in 0..8 {
             let mut normal = Normal::new(unknowns);
             for (reading, sigma) in readings.iter().zip(sigma) {
-                let pixels = reading.pixels();
+                let pixels = reading.gain * reading.pixels();
                 let mut row = vec![pixels * (reading.count as f64 / 255.0).powf(gamma) / sigma];
                 row.extend(constants.dark.then_some(pixels / sigma));
                 row.extend(constants.zero.then_some(1.0 / sigma));

@@ -1,5 +1,6 @@
 //! Readings of a power meter by channel, and what a radiometric calibration refuses among them.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use retina_files::InputError;
@@ -18,6 +19,10 @@ pub struct Reading {
     pub sigma_w_m2: Option<f64>,
     /// Which of the files, and the line there.
     pub place: (usize, usize),
+    /// Number of its series among those of all channels, where rows name theirs.
+    pub series: Option<usize>,
+    /// Factor by which its series reads more than the mean of all.
+    pub gain: f64,
 }
 
 impl Reading {
@@ -63,8 +68,13 @@ impl PowerReadings {
     /// As [`Self::read`].
     pub fn of(table: &PowerTable) -> Result<Self, InputError> {
         let mut all = Self { files: table.files.clone(), channels: Default::default(), white: Vec::new() };
+        let mut series: BTreeMap<(usize, &str), usize> = BTreeMap::new();
         for row in &table.rows {
-            let reading = reading(table, row)?;
+            let number = row.series.as_deref().map(|name| {
+                let next = series.len();
+                *series.entry((row.file, name)).or_insert(next)
+            });
+            let reading = Reading { series: number, ..reading(table, row)? };
             match row.channel {
                 Channel::W => all.white.push(reading),
                 colour => all.channels[colour as usize].push(reading),
@@ -133,5 +143,7 @@ fn reading(table: &PowerTable, row: &PowerRow) -> Result<Reading, InputError> {
         irradiance_w_m2: row.irradiance_w_m2,
         sigma_w_m2: row.sigma_w_m2,
         place: (row.file, row.line),
+        series: None,
+        gain: 1.0,
     })
 }

@@ -3,6 +3,7 @@
 use retina_formats::{Channel, PowerEffect};
 
 use crate::data::{Dataset, Term};
+use crate::series::median;
 
 use super::{Entry, Variant, need, plain, to_unit};
 
@@ -121,10 +122,22 @@ fn gamma(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
 fn black_level(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     need(data, "digital_count")?;
     let (square, per) = (data.values("square_px"), data.values("per_irradiance"));
-    // In units of the faintest reading's own light.
-    let values: Vec<f64> = square.iter().zip(per).map(|(n, p)| n * n * p).collect();
-    let most = values.iter().copied().fold(0.0, f64::max);
-    Ok(plain(vec![term("relative_to_faintest", values.iter().map(|v| v / most).collect())]))
+    // In units of the faintest reading's own light: all sub-pixels of the square, or those of the channel alone.
+    let of = |shape: Vec<(&'static str, f64)>, part: &dyn Fn(usize) -> f64| {
+        let values: Vec<f64> = (0..square.len()).map(|i| square[i] * square[i] * per[i] * part(i)).collect();
+        let most = values.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+        let leading = vec![term("relative_to_faintest", values.iter().map(|v| v / most).collect())];
+        Variant { shape, leading, further: Vec::new() }
+    };
+    let share = |i: usize| match Channel::COLOURS.iter().position(|c| *c == data.channel[i]) {
+        Some(colour) => data.white_share[colour],
+        None => 1.0,
+    };
+    let mut out = vec![of(Vec::new(), &|_| 1.0)];
+    if data.channel.iter().any(|channel| *channel != data.channel[0]) {
+        out.push(of(vec![("of_the_channel_alone", 1.0)], &share));
+    }
+    Ok(out)
 }
 
 fn loading(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
@@ -177,15 +190,25 @@ fn self_heating(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
         });
     }
     if let Some(time) = data.varying("time_s") {
+        let run = runs(data, time);
         let start = time.iter().copied().fold(f64::INFINITY, f64::min);
-        let span = time.iter().copied().fold(f64::NEG_INFINITY, f64::max) - start;
-        for fraction in [0.03, 0.06, 0.12, 0.25] {
-            let tau_s = fraction * span;
-            out.push(Variant {
-                shape: vec![("tau_s", tau_s)],
-                leading: vec![term("relative", lit(data, |i| 1.0 - (-(time[i] - start) / tau_s).exp()))],
-                further: Vec::new(),
-            });
+        let longest = run.iter().copied().fold(0.0, f64::max);
+        // From the campaign's start, and anew after each pause in which the display cools.
+        let since_start: Vec<f64> = time.iter().map(|t| t - start).collect();
+        let span = since_start.iter().copied().fold(0.0, f64::max);
+        let mut kinds = vec![("tau_s", since_start, span)];
+        if longest < span {
+            kinds.push(("tau_after_each_pause_s", run, longest));
+        }
+        for (name, since, span) in kinds {
+            for fraction in [0.03, 0.06, 0.12, 0.25, 0.5] {
+                let tau_s = fraction * span;
+                out.push(Variant {
+                    shape: vec![(name, tau_s)],
+                    leading: vec![term("relative", lit(data, |i| 1.0 - (-since[i] / tau_s).exp()))],
+                    further: Vec::new(),
+                });
+            }
         }
     }
     if out.is_empty() {
@@ -195,20 +218,60 @@ fn self_heating(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     }
 }
 
-fn ageing(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
-    let time = need(data, "time_s")?;
-    let (level, square) = (data.values("level"), data.values("square_px"));
+/// A gap of so many usual steps between readings is a pause: the display is off.
+const PAUSE: f64 = 10.0;
+
+/// Readings in the order of time, with the time for which each was shown: until the next one, or as long as usual before a
+/// pause.
+fn shown(time: &[f64]) -> Vec<(usize, f64)> {
     let mut order: Vec<usize> = (0..time.len()).collect();
     order.sort_by(|&a, &b| time[a].total_cmp(&time[b]));
-    let (mut dose, mut sum) = (vec![0.0; time.len()], 0.0);
+    let steps: Vec<f64> = order.windows(2).map(|pair| time[pair[1]] - time[pair[0]]).collect();
+    let usual = median(&steps);
+    let last = order.last().map(|&last| (last, usual));
+    let known = order.iter().zip(&steps).map(|(&row, &step)| (row, step_or_usual(step, usual)));
+    known.chain(last).collect()
+}
+
+fn step_or_usual(step: f64, usual: f64) -> f64 {
+    if usual > 0.0 && step > PAUSE * usual { usual } else { step }
+}
+
+/// Time of each row since the campaign's start or the last pause.
+fn runs(data: &Dataset, time: &[f64]) -> Vec<f64> {
+    let order = shown(time);
+    let mut out = vec![0.0; data.len()];
+    let mut start = order.first().map_or(0.0, |(row, _)| time[*row]);
     for pair in order.windows(2) {
-        let shown = if square[pair[0]] > 0.0 { level[pair[0]] } else { 0.0 };
-        sum += (time[pair[1]] - time[pair[0]]) * shown;
-        dose[pair[1]] = sum;
+        let ((before, shown), (row, _)) = (pair[0], pair[1]);
+        if time[row] - time[before] > shown {
+            start = time[row];
+        }
+        out[row] = time[row] - start;
     }
-    let dose = to_unit(&dose);
-    let elapsed = to_unit(time);
-    Ok([("relative_over_half_the_dose", dose), ("relative_over_half_the_time", elapsed)]
+    out
+}
+
+fn ageing(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
+    let time = need(data, "time_s")?;
+    let (level, square, ln) = (data.values("level"), data.values("square_px"), data.values("ln_irradiance"));
+    let order = shown(time);
+    let dose = |light: &dyn Fn(usize) -> f64| {
+        let (mut dose, mut sum) = (vec![0.0; time.len()], 0.0);
+        for &(row, shown) in &order {
+            dose[row] = sum;
+            sum += if square[row] > 0.0 { light(row) * shown } else { 0.0 };
+        }
+        to_unit(&dose)
+    };
+    // Of a pixel by its count or its light, of the whole display by the light that the meter sees; and the time alone.
+    let forms = [
+        ("relative_over_half_the_dose", dose(&|i| level[i])),
+        ("relative_over_half_the_light", dose(&|i| ln[i].exp() / square[i].powi(2))),
+        ("relative_over_half_the_irradiance", dose(&|i| ln[i].exp())),
+        ("relative_over_half_the_time", to_unit(time)),
+    ];
+    Ok(forms
         .into_iter()
         .map(|(name, values)| Variant {
             shape: Vec::new(),

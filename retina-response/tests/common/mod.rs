@@ -73,6 +73,8 @@ pub(crate) fn readings(truth: &Truth, plan: &[(usize, f64)], seed: u64, stated: 
             irradiance_w_m2: pixels * truth.pixel_w_m2(count) + truth.zero_w_m2 + sigma * normal,
             sigma_w_m2: stated.then_some(sigma),
             place: (0, line + 2),
+            series: None,
+            gain: 1.0,
         }
     };
     plan.iter().enumerate().map(each).collect()
