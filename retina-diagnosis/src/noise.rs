@@ -274,7 +274,7 @@ impl Weights {
 }
 
 /// Columns that are constant within each group: what a common error of groups must be told apart from.
-fn steady_columns(data: &Dataset, columns: &[Vec<f64>]) -> usize {
+pub(crate) fn steady_columns(data: &Dataset, columns: &[Vec<f64>]) -> usize {
     let n = data.kind.components();
     columns
         .iter()

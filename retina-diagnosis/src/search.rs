@@ -13,7 +13,7 @@ use crate::diagnose::NotTestable;
 use crate::estimate::is_implausible;
 use crate::flips::{Flips, PARAMETRIC, p_values};
 use crate::levels;
-use crate::noise::{RobustFit, robust_fit};
+use crate::noise::{RobustFit, robust_fit, steady_columns};
 use crate::score::{Frame, HeldOut, Score};
 use crate::series::{Outlying, outlying};
 
@@ -44,6 +44,8 @@ const FLOOR_GROUP: f64 = 0.1;
 /// that are.
 const PROMISING: f64 = 1.0;
 const MOST_ASKED: usize = 6;
+/// So few groups do not say how closely their errors follow each other.
+const VERY_FEW_GROUPS: usize = 16;
 /// More shapes than this are a search.
 const SEARCHED: usize = 12;
 
@@ -347,7 +349,8 @@ fn rank(
     out
 }
 
-/// p-values by the groups' levels, of the few that promise most on what is left out and that flips do not tell.
+/// p-values by the groups' levels, of the few effects that promise most on what is left out. Where flips do not tell an
+/// effect they may; where flips take a wandering of very few groups for an effect of whole groups, they have to agree.
 fn ask_levels(
     frame: &Frame<'_>,
     base: &[Vec<f64>],
@@ -356,15 +359,20 @@ fn ask_levels(
     forms: usize,
 ) {
     let before = frame.held_out(&[]);
-    ranking
-        .iter_mut()
-        .filter(|r| r.p_value > LEVEL_LATER[0] && before.beaten_by(&r.held_out) > PROMISING)
-        .take(MOST_ASKED)
-        .par_bridge()
-        .for_each(|r| {
-            let own = levels::p_value(frame.data, base, &prepared[r.index].columns[r.variant]);
-            r.p_value = r.p_value.min(PARAMETRIC * forms as f64 * own);
-        });
+    let very_few = frame.data.groups.len() <= VERY_FEW_GROUPS;
+    let promising = ranking.iter_mut().filter(|r| before.beaten_by(&r.held_out) > PROMISING).take(MOST_ASKED);
+    promising.par_bridge().for_each(|r| {
+        let columns = &prepared[r.index].columns[r.variant];
+        let doubted = very_few && columns.len() == steady_columns(frame.data, columns);
+        if r.p_value <= LEVEL_LATER[0] && !doubted {
+            return;
+        }
+        let own = forms as f64 * levels::p_value(frame.data, base, columns);
+        r.p_value = r.p_value.min(PARAMETRIC * own);
+        if doubted {
+            r.p_value = r.p_value.max(own.min(1.0));
+        }
+    });
 }
 
 /// The one that is worth its name, with the fewest columns of those whose held-out error is within a standard error of

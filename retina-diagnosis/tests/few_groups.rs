@@ -4,6 +4,9 @@ mod common;
 
 use common::{ARCSEC, Campaign, setup};
 use glam::DVec2;
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution as _, StandardNormal};
 use retina_diagnosis::{DiagnoseOptions, Verdict, compare, diagnose};
 
 /// Channels of twelve exposures, in no order.
@@ -37,28 +40,26 @@ fn channels_of_a_dozen_exposures_are_seen() {
     }
 }
 
-/// A mount that wanders as far, each exposure from where the last one ended, is not mistaken for the channels.
+/// A mount that walks at random, ten times the noise from exposure to exposure, follows no channel, temperature or time.
 #[test]
-fn a_mount_that_wanders_is_no_channel() {
-    let mut alarms = 0;
-    for seed in 1..=12u64 {
-        // Steps of ten times the noise, in directions that no channel follows.
-        let at = |exposure: usize| {
-            (0..exposure)
-                .map(|k| DVec2::from_angle(2.4 * (k as f64 + 1.0) * (seed as f64 + 0.3)))
-                .sum::<DVec2>()
-        };
-        let table = campaign(seed).table(&setup(), &|p| p.r + at(p.exposure) * 15.0 * ARCSEC);
+fn a_mount_that_walks_is_no_effect() {
+    let mut alarms = Vec::new();
+    for seed in 1..=30u64 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut at = DVec2::ZERO;
+        let walk: Vec<DVec2> = (0..12)
+            .map(|_| {
+                at += DVec2::from_array([0, 1].map(|_| StandardNormal.sample(&mut random)));
+                at
+            })
+            .collect();
+        let table = campaign(seed).table(&setup(), &|p| p.r + walk[p.exposure] * 15.0 * ARCSEC);
         let data = common::dataset(&setup(), &coloured(&table));
         let found = diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 });
-        alarms += usize::from(
-            found
-                .accepted
-                .iter()
-                .any(|id| ["subpixel_offset", "colour_wedge", "thermal_boresight"].contains(id)),
-        );
+        alarms.extend(found.accepted.first().copied());
     }
-    assert!(alarms <= 1, "{alarms}");
+    println!("{alarms:?}");
+    assert!(alarms.len() <= 3, "{alarms:?}");
 }
 
 /// 120 rows in twelve exposures: a regression of many columns through them would leave a noise of 0.
