@@ -16,6 +16,7 @@ use crate::levels;
 use crate::noise::{RobustFit, robust_fit, steady_columns};
 use crate::score::{Frame, HeldOut, Score};
 use crate::series::{Outlying, outlying};
+use crate::units::VERY_FEW_GROUPS;
 
 /// Level of the first test over all effects, and over all screens: together below 5 %.
 pub(crate) const LEVEL_FIRST: [f64; 2] = [0.02, 0.01];
@@ -44,8 +45,6 @@ const FLOOR_GROUP: f64 = 0.1;
 /// that are.
 const PROMISING: f64 = 1.0;
 const MOST_ASKED: usize = 6;
-/// So few groups do not say how closely their errors follow each other.
-const VERY_FEW_GROUPS: usize = 16;
 /// More shapes than this are a search.
 const SEARCHED: usize = 12;
 

@@ -4,12 +4,10 @@ use crate::data::{Dataset, Flip};
 use crate::next::NextMeasurement;
 use crate::noise::Weights;
 use crate::scatter::{Noise, group_name, stated};
-use crate::units::{FEW_GROUPS, Units};
+use crate::units::{FEW_GROUPS, Units, VERY_FEW_GROUPS};
 
 /// Fewer parts than this can be flipped in too few ways for any p-value to be small.
 const FEWEST_UNITS: usize = 8;
-/// Fewer groups than this do not say how their own errors go on in time.
-const GROUPS_IN_TIME: usize = 12;
 /// Errors that are this many times what the table states are not noise, whatever else is not found.
 const BEYOND_STATED: f64 = 3.0;
 
@@ -42,7 +40,7 @@ pub(crate) fn too_little(
         };
         return Some((why, repeat));
     }
-    if data.jitters && groups < GROUPS_IN_TIME && noise.group > noise.white {
+    if data.jitters && groups <= VERY_FEW_GROUPS && noise.group > noise.white {
         let why = format!(
             "{group}s differ by {:.3} {unit}, more than their rows ({:.3}): {groups} of them do not tell a mount that moves from a knock or a drift",
             noise.group,

@@ -13,6 +13,8 @@ use crate::scatter::Noise;
 
 /// With fewer groups than this their rows are cut into runs.
 pub(crate) const FEW_GROUPS: usize = 8;
+/// So few groups do not say how closely their own errors follow each other.
+pub(crate) const VERY_FEW_GROUPS: usize = 16;
 /// Runs that are aimed at then.
 const RUNS: usize = 24;
 /// Fewest rows of a run.
