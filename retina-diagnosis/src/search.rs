@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use retina_formats::{EffectId, PowerEffect};
 
 use crate::added::AddedEffect;
-use crate::catalogue::{Effect, Variant, effects, through_distortion, wide};
+use crate::catalogue::{Effect, Variant, effects, of_other_lenses, wide};
 use crate::data::Dataset;
 use crate::diagnose::NotTestable;
 use crate::estimate::is_implausible;
@@ -65,9 +65,7 @@ impl Prepared<'_> {
 
     /// Second orders and other shapes of its own.
     fn wide(&self, data: &Dataset, variant: usize) -> Vec<Vec<f64>> {
-        let mut own = wide(data, self.effect.id, &self.variants[variant].shape);
-        own.extend(through_distortion(data, self.effect.id, &self.columns[variant]));
-        own
+        wide(data, self.effect.id, &self.variants[variant].shape)
     }
 }
 
@@ -202,17 +200,22 @@ impl<'a> Search<'a> {
             if self.accepted[k].widened {
                 continue;
             }
-            let own = self.prepared[self.accepted[k].index].wide(self.data, self.accepted[k].variant);
-            if own.is_empty() {
-                continue;
+            let (index, variant) = (self.accepted[k].index, self.accepted[k].variant);
+            let prepared = &self.prepared[index];
+            // The setup's lenses come first: what is beyond them has to show clearly.
+            let others = of_other_lenses(self.data, prepared.effect.id, &prepared.columns[variant]);
+            for (own, by) in [(prepared.wide(self.data, variant), REFINED), (others, CLEARLY_WORSE)] {
+                if own.is_empty() {
+                    continue;
+                }
+                let frame = self.frame();
+                if frame.held_out(&[]).beaten_by(&frame.held_out(&own)) <= by {
+                    continue;
+                }
+                self.base.extend(own.iter().cloned());
+                self.accepted[k].columns.extend(own);
+                self.accepted[k].widened = true;
             }
-            let frame = self.frame();
-            if frame.held_out(&[]).beaten_by(&frame.held_out(&own)) <= REFINED {
-                continue;
-            }
-            self.base.extend(own.iter().cloned());
-            self.accepted[k].columns.extend(own);
-            self.accepted[k].widened = true;
         }
     }
 

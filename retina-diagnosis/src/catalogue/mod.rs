@@ -41,7 +41,7 @@ use crate::data::{Dataset, Term};
 
 pub(crate) use point_forms::optical_centre_gain;
 pub(crate) use traced::{STEADY, depth_mm};
-pub(crate) use wide::{later_forms, through_distortion, wide};
+pub(crate) use wide::{later_forms, of_other_lenses, wide};
 
 /// One form of an effect: its shape parameters fixed, linear in its amplitudes.
 pub(crate) struct Variant<'a> {

@@ -16,12 +16,16 @@ pub(crate) fn wide(data: &Dataset, effect: EffectId, shape: &[(&'static str, f64
     }
 }
 
-/// What steady lenses make of an effect that lies before them: a shift d at u is moved by the radial term's own slope,
-/// d r^2 + 2 u (u.d), in proportion to the distortion that the baseline fits. One column for each of the effect's.
-pub(crate) fn through_distortion(data: &Dataset, effect: EffectId, columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
+/// What lenses that are not those of the setup make of an effect, beside its columns.
+///
+/// Before steady lenses, a shift d at u is moved by the radial term's own slope, d r^2 + 2 u (u.d), in proportion to the
+/// distortion that the baseline fits: one column for each of the effect's. And of a display's depth other lenses make
+/// something else than those that were traced: its leading form.
+pub(crate) fn of_other_lenses(data: &Dataset, effect: EffectId, columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
     use PointsEffect as E;
-    let behind = matches!(effect, EffectId::Points(E::CameraPixelPhase | E::CameraPointing));
-    if !matches!(effect, EffectId::Points(_)) || behind {
+    let EffectId::Points(effect) = effect else { return Vec::new() };
+    // What lies behind the lenses.
+    if matches!(effect, E::CameraPixelPhase | E::CameraPointing) {
         return Vec::new();
     }
     let (x, y) = (data.values("x"), data.values("y"));
@@ -35,7 +39,15 @@ pub(crate) fn through_distortion(data: &Dataset, effect: EffectId, columns: &[Ve
             })
             .collect()
     };
-    columns.iter().map(bent).collect()
+    let depths: &[fn(f64, f64) -> f64] = match effect {
+        E::ScreenTilt => &[|x, _| x, |_, y| y],
+        E::ScreenBow => &[|x, y| x * x - y * y, |x, y| x * y],
+        _ => &[],
+    };
+    let leading = depths
+        .iter()
+        .map(|depth| x.iter().zip(y).flat_map(|(x, y)| scaled(*x, *y, depth(*x, *y))).collect::<Vec<f64>>());
+    columns.iter().map(bent).chain(leading).collect()
 }
 
 /// Time constants of settling, of the table's time.
@@ -116,12 +128,7 @@ fn points(data: &Dataset, effect: PointsEffect, shape: &[(&'static str, f64)]) -
             own
         }
         E::FluxShift if steady.is_some() => Vec::new(),
-        E::CameraPointing => times(&one, &plane),
-        // Lenses that are not those of the setup make something else of a depth: its leading form, too.
-        E::ScreenTilt => {
-            let leading: [Placed; 2] = [|x, y| scaled(x, y, x), |x, y| scaled(x, y, y)];
-            [times(&one, &plane), times(&one, &leading)].concat()
-        }
+        E::ScreenTilt | E::CameraPointing => times(&one, &plane),
         E::Decentering | E::OpticalCentre => times(&one, &lens),
         E::ThinPrism => {
             let forms: [Placed; 4] = [
@@ -141,9 +148,7 @@ fn points(data: &Dataset, effect: PointsEffect, shape: &[(&'static str, f64)]) -
             times(&one, &forms)
         }
         E::ScreenBow => {
-            let forms: [Placed; 6] = [
-                |x, y| scaled(x, y, x * x - y * y),
-                |x, y| scaled(x, y, x * y),
+            let forms: [Placed; 4] = [
                 |x, y| scaled(x, y, (x * x - y * y) * (x * x + y * y).powi(2)),
                 |x, y| scaled(x, y, x * y * (x * x + y * y).powi(2)),
                 |x, y| scaled(x, y, (x * x - y * y).powi(2)),
