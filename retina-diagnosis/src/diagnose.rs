@@ -163,10 +163,12 @@ struct Wanted {
     wander: Option<f64>,
 }
 
+/// Accepted effects with their parameters.
+type Effects = Vec<(EffectId, Vec<Parameter>)>;
+
 /// What a search leaves to those that follow.
 struct Accounts {
-    /// Accepted effects with their parameters.
-    effects: Vec<(EffectId, Vec<Parameter>)>,
+    effects: Effects,
     /// Correlation of groups that follow each other beside the accepted effects; `None` where the table has none, or nothing
     /// was accepted.
     wander: Option<f64>,
@@ -323,7 +325,7 @@ fn quantities(
     prepared: &[Prepared<'_>],
     accepted: &[Accepted],
     weights: &Weights,
-) -> (Vec<(EffectId, Vec<Parameter>)>, Vec<Option<Physical>>) {
+) -> (Effects, Vec<Option<Physical>>) {
     let mut columns = baseline.to_vec();
     for own in accepted {
         columns.extend(prepared[own.index].columns[own.variant].iter().cloned());
