@@ -183,10 +183,11 @@ pub fn summary(calibrated: &Calibrated, setup: &Setup) -> Vec<String> {
         .collect();
     lines.push(format!("shown minus true magnitude with full spectra (eq. 8): {}", stars.join(", ")));
     if let Some((count, relative)) = calibrated.series.and_then(|s| Some((s.series, s.relative?))) {
-        lines.push(format!(
-            "{count} series repeat within {:.2} % (each has a factor of its own)",
-            100.0 * relative
-        ));
+        lines.push(if relative > 0.0 {
+            format!("{count} series repeat within {:.2} %: each has a factor of its own", 100.0 * relative)
+        } else {
+            format!("{count} series repeat within the noise of their readings")
+        });
     }
     if let Some(a) = calibrated.additivity {
         lines.push(format!("white over r + g + b: {:.4} +- {:.4}", a.ratio, a.sigma));

@@ -34,7 +34,8 @@ struct Told {
     variance: f64,
 }
 
-/// Gives every reading its series' factor; `None` where rows name no series, or a channel cannot be fitted.
+/// Gives every reading its series' factor; `None` where rows name no series, or a channel cannot be fitted (which its own
+/// fit refuses with the reason).
 pub(crate) fn settle(readings: &mut PowerReadings) -> Option<SeriesScatter> {
     let all = || readings.channels.iter().flatten().filter(|reading| reading.is_lit());
     let numbers: Option<Vec<usize>> = all().map(|reading| reading.series).collect();

@@ -19,7 +19,7 @@ pub(super) fn entry(effect: PowerEffect) -> Entry {
             gamma
         ),
         E::BlackLevel => entry!(
-            "b per pixel, relative to a full one",
+            "b per pixel, relative to a full one: of all its sub-pixels, or of the lit channel alone",
             "light of a black pixel",
             &["digital_count", "square_px"],
             "1e-5 to 1e-3",
@@ -229,12 +229,8 @@ fn shown(time: &[f64]) -> Vec<(usize, f64)> {
     let steps: Vec<f64> = order.windows(2).map(|pair| time[pair[1]] - time[pair[0]]).collect();
     let usual = median(&steps);
     let last = order.last().map(|&last| (last, usual));
-    let known = order.iter().zip(&steps).map(|(&row, &step)| (row, step_or_usual(step, usual)));
-    known.chain(last).collect()
-}
-
-fn step_or_usual(step: f64, usual: f64) -> f64 {
-    if usual > 0.0 && step > PAUSE * usual { usual } else { step }
+    let shown_s = |step: f64| if usual > 0.0 && step > PAUSE * usual { usual } else { step };
+    order.iter().zip(&steps).map(|(&row, &step)| (row, shown_s(step))).chain(last).collect()
 }
 
 /// Time of each row since the campaign's start or the last pause.
