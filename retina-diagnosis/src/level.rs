@@ -60,6 +60,13 @@ impl Level {
         self.root != DMat2::ZERO
     }
 
+    /// Variance of the whitened level, summed over the components, if groups did not scatter: the trace of (I + v A)^-1.
+    pub(crate) fn variance_of_rows(&self, components: usize) -> f64 {
+        let of_rows = self.of_sums * self.root.inverse();
+        let along = |axis: DVec2| axis.length_squared();
+        along(of_rows.x_axis) + if components == 2 { along(of_rows.y_axis) } else { 0.0 }
+    }
+
     /// U^T y of whitened rows.
     fn sums(&self, data: &Dataset, weights: &Weights, white: &[f64]) -> DVec2 {
         let n = data.components();

@@ -30,6 +30,7 @@ mod kept;
 mod lags;
 mod level;
 mod levels;
+mod levels_left;
 mod linear;
 mod model_file;
 mod next;

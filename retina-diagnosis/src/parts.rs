@@ -20,7 +20,9 @@ use crate::linear::{Basis, dot, least_squares};
 use crate::noise::{Weights, robust_fit};
 use crate::pixel_noise;
 use crate::scatter::{Noise, noise};
-use crate::score::Frame;
+use crate::levels_left::Gain;
+use crate::score::{Frame, Score};
+use crate::series::two_sided;
 use crate::units::{Units, in_time};
 
 /// Fewest units of a half: their signs flip in 64 ways.
@@ -29,6 +31,8 @@ const FEWEST_UNITS: usize = 6;
 const MANY_OUTLIERS: f64 = 0.1;
 /// Draws of the signs.
 const FLIPS: usize = 9999;
+/// A form that fewer units carry is judged by Student's t: signs of six units reach no 1 %.
+const FEW_CARRY: f64 = 8.0;
 
 /// Rows of a table with what is fitted to them.
 struct Rows {
@@ -58,7 +62,8 @@ pub struct TooFew {
 /// How a form was judged by data it was not found in.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Proof {
-    /// Chance of at least as much agreement where there is nothing: one-sided, by flipping the signs of units.
+    /// Chance of at least as much agreement where there is nothing: one-sided, by flipping the signs of units, or by
+    /// Student's t where few of them carry the form.
     pub p_value: f64,
     /// Amplitude in the judging half over that in the other: 1 for the truth.
     pub ratio: f64,
@@ -73,6 +78,10 @@ pub struct Proof {
 pub struct FormScore {
     /// By how much it lowers the sum of whitened squares.
     pub statistic: f64,
+    /// The same, with the scatter of groups anew (`levels_left.rs`): twice the logarithm of the likelihood ratio.
+    pub gain: f64,
+    /// Number of values that tell its amplitudes: levels of groups, or components of rows, or between the two.
+    pub values: f64,
     /// Columns that the model does not have already.
     pub rank: usize,
     /// Rms of what it explains over that of the noise.
@@ -115,15 +124,14 @@ impl<'a> Remainder<'a> {
     /// Scores of forms, each some columns over all components of the rows.
     pub fn scores(&self, forms: &[Vec<Vec<f64>>]) -> Vec<FormScore> {
         let components = self.frame.components();
-        self.frame
-            .scores(forms)
-            .iter()
-            .map(|score| FormScore {
-                statistic: score.statistic,
-                rank: score.rank(),
-                strength: score.strength(components),
-            })
-            .collect()
+        let of = |(score, gain): (Score, Gain)| FormScore {
+            statistic: score.statistic,
+            gain: gain.gain,
+            values: gain.values,
+            rank: score.rank(),
+            strength: score.strength(components),
+        };
+        self.frame.scores_and_gains(forms).into_iter().map(of).collect()
     }
 
     /// Amplitudes of columns beside the model, with standard deviations; infinite where they depend on each other.
@@ -294,24 +302,19 @@ impl Halves {
         }
         let n = self.whole.data.components();
         let units = Units::of(&self.judge.data);
-        let mut shares = vec![0.0; units.count];
+        let (mut shares, mut squares) = (vec![0.0; units.count], vec![0.0; units.count]);
         for (range, &unit) in units.ranges.iter().zip(&units.unit) {
             let span = range.start * n..range.end * n;
-            shares[unit] += dot(&form[span.clone()], &error[span]);
+            shares[unit] += dot(&form[span.clone()], &error[span.clone()]);
+            squares[unit] += dot(&form[span.clone()], &form[span]);
         }
         let found: f64 = shares.iter().sum();
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let reached = (0..FLIPS)
-            .filter(|_| {
-                let drawn: f64 =
-                    shares.iter().map(|share| if random.random::<bool>() { *share } else { -share }).sum();
-                drawn >= found - 1e-9 * found.abs()
-            })
-            .count();
+        let carry = square * square / squares.iter().map(|s| s * s).sum::<f64>();
+        let p_value = if carry < FEW_CARRY { by_student(&shares, &squares) } else { by_flips(&shares, seed) };
         let scatter = shares.iter().map(|share| (share - found / units.count as f64).powi(2)).sum::<f64>();
         let kept = (weights[1].kept() * n) as f64;
         Proof {
-            p_value: (1 + reached) as f64 / (1 + FLIPS) as f64,
+            p_value,
             ratio: found / square,
             ratio_sigma: scatter.sqrt() / square,
             strength: (square / kept).sqrt(),
@@ -412,6 +415,37 @@ impl Halves {
         }
         std::mem::take(&mut white[1])
     }
+}
+
+/// Chance that flipped signs of the units' shares sum to at least as much.
+fn by_flips(shares: &[f64], seed: u64) -> f64 {
+    let found: f64 = shares.iter().sum();
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let reached = (0..FLIPS)
+        .filter(|_| {
+            let drawn: f64 =
+                shares.iter().map(|share| if random.random::<bool>() { *share } else { -share }).sum();
+            drawn >= found - 1e-9 * found.abs()
+        })
+        .count();
+    (1 + reached) as f64 / (1 + FLIPS) as f64
+}
+
+/// Chance of at least as large an amplitude by Student's t. Each unit measures the amplitude by e = <form, error> / |form|,
+/// normal about amplitude times |form| with one variance; that variance comes from what the amplitude leaves.
+fn by_student(shares: &[f64], squares: &[f64]) -> f64 {
+    let whole: f64 = squares.iter().sum();
+    let amplitude = shares.iter().sum::<f64>() / whole;
+    // A unit that the form hardly touches measures nothing.
+    let of_unit: Vec<(f64, f64)> =
+        shares.iter().zip(squares).filter(|(_, s)| **s > 1e-9 * whole).map(|(e, s)| (*e, *s)).collect();
+    let free = of_unit.len().saturating_sub(1);
+    if amplitude <= 0.0 || free == 0 {
+        return 1.0;
+    }
+    let left: f64 = of_unit.iter().map(|(e, s)| (e - amplitude * s).powi(2) / s).sum();
+    let sigma = (left / free as f64 / whole).sqrt();
+    0.5 * two_sided(amplitude / sigma.max(f64::MIN_POSITIVE), free)
 }
 
 /// A column for each group and component that is 1 there.

@@ -18,6 +18,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::data::Dataset;
+use crate::levels_left::{Gain, LevelsLeft};
 use crate::linear::{Basis, cholesky, dot, independent, matrix, solve_positive};
 use crate::noise::{RobustFit, Weights, robust_fit};
 use crate::units::Units;
@@ -168,6 +169,24 @@ impl<'d> Frame<'d> {
 
     /// Scores of many candidates.
     pub(crate) fn scores<C: AsRef<[Vec<f64>]> + Sync>(&self, candidates: &[C]) -> Vec<Score> {
+        self.in_blocks(candidates, |c, kept, inverse| self.of_directions(c, kept, inverse))
+    }
+
+    /// The same, with what each gains where the scatter of groups is found anew.
+    pub(crate) fn scores_and_gains<C: AsRef<[Vec<f64>]> + Sync>(&self, candidates: &[C]) -> Vec<(Score, Gain)> {
+        let levels = LevelsLeft::of(self);
+        self.in_blocks(candidates, |c, kept, inverse| {
+            let gain = levels.gain(self, c, kept, inverse);
+            (self.of_directions(c, kept, inverse), gain)
+        })
+    }
+
+    /// What is made of each candidate: its columns beside the base, those that are independent, and L^-1 of C~^T C~ = L L^T.
+    fn in_blocks<C: AsRef<[Vec<f64>]> + Sync, T: Send>(
+        &self,
+        candidates: &[C],
+        of: impl Fn(faer::MatRef<'_, f64>, &[usize], &Mat<f64>) -> T + Sync,
+    ) -> Vec<T> {
         let mut blocks: Vec<std::ops::Range<usize>> = Vec::new();
         let mut columns = BLOCK;
         for (k, candidate) in candidates.iter().enumerate() {
@@ -180,11 +199,15 @@ impl<'d> Frame<'d> {
             }
             columns += candidate.as_ref().len();
         }
-        let scored: Vec<Vec<Score>> = blocks.into_par_iter().map(|b| self.block(&candidates[b])).collect();
-        scored.into_iter().flatten().collect()
+        let made: Vec<Vec<T>> = blocks.into_par_iter().map(|b| self.block(&candidates[b], &of)).collect();
+        made.into_iter().flatten().collect()
     }
 
-    fn block<C: AsRef<[Vec<f64>]>>(&self, candidates: &[C]) -> Vec<Score> {
+    fn block<C: AsRef<[Vec<f64>]>, T>(
+        &self,
+        candidates: &[C],
+        of: &impl Fn(faer::MatRef<'_, f64>, &[usize], &Mat<f64>) -> T,
+    ) -> Vec<T> {
         let (beside, before) = self.beside(candidates.iter().flat_map(|c| c.as_ref()));
         let mut first = 0;
         candidates
@@ -194,7 +217,7 @@ impl<'d> Frame<'d> {
                 first = own.end;
                 let c = beside.subcols(own.start, own.len());
                 let (kept, inverse) = independent(&(c.transpose() * c), &before[own], IDENTICAL);
-                self.of_directions(c, &kept, &inverse)
+                of(c, &kept, &inverse)
             })
             .collect()
     }

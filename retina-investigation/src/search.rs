@@ -268,7 +268,6 @@ impl Search<'_> {
 
     fn scored(&self, left: &Remainder<'_>, forms: Vec<Form>) -> Vec<Scored> {
         self.tried.fetch_add(forms.len(), Ordering::Relaxed);
-        let charge = left.components().ln();
         // Of as many laws the best takes off as much by chance.
         let choices: usize = (0..self.columns.len()).map(|column| self.factors_of(column).len()).sum();
         let charge_of_law = 2.0 * (choices.max(1) as f64).ln();
@@ -284,8 +283,8 @@ impl Search<'_> {
                     .filter(|(_, score)| score.rank > 0)
                     .map(|(form, score)| Scored {
                         form: form.clone(),
-                        merit: score.statistic
-                            - charge * (score.rank + form.free_shapes()) as f64
+                        merit: score.gain
+                            - score.values.ln() * (score.rank + form.free_shapes()) as f64
                             - charge_of_law * form.factors.len() as f64,
                     })
                     .collect::<Vec<_>>()

@@ -1,0 +1,95 @@
+//! What a form gains where the scatter of groups is found anew.
+//!
+//! The scatter of groups is estimated from their levels. Beside a model that lacks a form it holds what the form would
+//! explain. A form of the levels then never takes off more squares than there are levels, however well it fits, and a
+//! search among twelve series ends with the form that has least to say. Here the scatter is what the form leaves of it:
+//! with S the squares of the n whitened levels and S' what is left of them, the gain is n ln(S / S'), and beyond the noise
+//! of the rows, whose size is known, the difference of the squares. Squares within groups count as they are.
+
+use faer::{Mat, MatRef};
+use glam::DVec2;
+
+use crate::level::Level;
+use crate::score::Frame;
+
+/// What a form gains.
+pub(crate) struct Gain {
+    /// Twice the logarithm of the likelihood ratio.
+    pub(crate) gain: f64,
+    /// Number of values that tell its amplitudes: n of the levels, N of all rows, and n^s N^(1 - s) where the levels have a
+    /// share s of the form's squares.
+    pub(crate) values: f64,
+}
+
+/// The levels of the groups as a model leaves them.
+pub(crate) struct LevelsLeft {
+    levels: Vec<(Level, DVec2)>,
+    /// Their number, each component counted.
+    count: f64,
+    /// Sum of their squares.
+    square: f64,
+    /// What that would be if groups did not scatter.
+    least: f64,
+}
+
+impl LevelsLeft {
+    pub(crate) fn of(frame: &Frame<'_>) -> Self {
+        let (data, weights) = (frame.data, &frame.weights);
+        let levels: Vec<(Level, DVec2)> = data
+            .groups
+            .iter()
+            .map(|group| weights.level(data, group.rows.clone()))
+            .filter(Level::counts)
+            .map(|level| {
+                let left = level.of(data, weights, &frame.error);
+                (level, left)
+            })
+            .collect();
+        let n = data.components();
+        Self {
+            count: (levels.len() * n) as f64,
+            square: levels.iter().map(|(_, left)| left.length_squared()).sum(),
+            least: levels.iter().map(|(level, _)| level.variance_of_rows(n)).sum(),
+            levels,
+        }
+    }
+
+    /// The gain of whitened columns beside the base, those of them that are kept, with L^-1 of their products L L^T.
+    pub(crate) fn gain(
+        &self,
+        frame: &Frame<'_>,
+        columns: MatRef<'_, f64>,
+        kept: &[usize],
+        inverse: &Mat<f64>,
+    ) -> Gain {
+        let column = |k: usize| columns.col(kept[k]).try_as_col_major().map_or(&[][..], |c| c.as_slice());
+        let sums: Vec<f64> = (0..kept.len()).map(|k| crate::linear::dot(column(k), &frame.error)).collect();
+        let along: Vec<f64> =
+            (0..kept.len()).map(|i| (0..=i).map(|k| inverse[(i, k)] * sums[k]).sum::<f64>()).collect();
+        let statistic: f64 = along.iter().map(|value| value * value).sum();
+        let amplitudes: Vec<f64> =
+            (0..kept.len()).map(|k| (k..kept.len()).map(|i| inverse[(i, k)] * along[i]).sum()).collect();
+        let mut explained = vec![DVec2::ZERO; self.levels.len()];
+        let (mut of_levels, mut whole) = (0.0, f64::MIN_POSITIVE);
+        for (k, amplitude) in amplitudes.iter().enumerate() {
+            let own = column(k);
+            whole += amplitude * amplitude * crate::linear::dot(own, own);
+            for ((level, _), sum) in self.levels.iter().zip(&mut explained) {
+                let part = *amplitude * level.of(frame.data, &frame.weights, own);
+                of_levels += part.length_squared();
+                *sum += part;
+            }
+        }
+        let left: f64 = self.levels.iter().zip(&explained).map(|((_, e), x)| (*e - *x).length_squared()).sum();
+        let share = (of_levels / whole).clamp(0.0, 1.0);
+        let values = share * self.count.max(2.0).ln() + (1.0 - share) * frame.components().max(2.0).ln();
+        Gain { gain: self.of_levels(left) + statistic - (self.square - left), values: values.exp() }
+    }
+
+    /// The gain of what is left of the squares of the levels.
+    fn of_levels(&self, left: f64) -> f64 {
+        let floor = self.least.min(self.square).max(f64::MIN_POSITIVE);
+        let beyond = |square: f64| self.count * ((square.max(floor) / floor).ln() + (square.min(floor) / floor));
+        beyond(self.square) - beyond(left)
+    }
+}
