@@ -80,7 +80,8 @@ impl LevelsLeft {
                 *sum += part;
             }
         }
-        let left: f64 = self.levels.iter().zip(&explained).map(|((_, e), x)| (*e - *x).length_squared()).sum();
+        let left: f64 =
+            self.levels.iter().zip(&explained).map(|((_, e), x)| (*e - *x).length_squared()).sum();
         let share = (of_levels / whole).clamp(0.0, 1.0);
         let values = share * self.count.max(2.0).ln() + (1.0 - share) * frame.components().max(2.0).ln();
         Gain { gain: self.of_levels(left) + statistic - (self.square - left), values: values.exp() }
@@ -89,7 +90,8 @@ impl LevelsLeft {
     /// The gain of what is left of the squares of the levels.
     fn of_levels(&self, left: f64) -> f64 {
         let floor = self.least.min(self.square).max(f64::MIN_POSITIVE);
-        let beyond = |square: f64| self.count * ((square.max(floor) / floor).ln() + (square.min(floor) / floor));
+        let beyond =
+            |square: f64| self.count * ((square.max(floor) / floor).ln() + (square.min(floor) / floor));
         beyond(self.square) - beyond(left)
     }
 }

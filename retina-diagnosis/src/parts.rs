@@ -16,11 +16,11 @@ use crate::balance::balanced;
 use crate::catalogue::{Effect, Variant, effects};
 use crate::data::{Dataset, Flip};
 use crate::level::Level;
+use crate::levels_left::Gain;
 use crate::linear::{Basis, dot, least_squares};
 use crate::noise::{Weights, robust_fit};
 use crate::pixel_noise;
 use crate::scatter::{Noise, noise};
-use crate::levels_left::Gain;
 use crate::score::{Frame, Score};
 use crate::series::two_sided;
 use crate::units::{Units, in_time};
@@ -494,5 +494,26 @@ impl Rows {
     fn remainder(&self, with: &[Vec<f64>]) -> Remainder<'_> {
         let frame = Frame::weighted(&self.data, &self.base, self.weights(with));
         Remainder { frame, base: &self.base }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of equal units it is the test of a mean (numbers by numerical integration of Student's density). Of unequal ones,
+    /// three of which carry the form, signs cannot say what it says.
+    #[test]
+    fn student_says_more_than_signs_of_few_units() {
+        let values = [1.1, 0.4, -0.3, 0.8, 1.5, 0.2];
+        let p = by_student(&values, &[1.0; 6]);
+        assert!((p / 0.033_766 - 1.0).abs() < 5e-3, "{p}");
+        let (form, error) = ([2.0, 0.5, 0.5, 1.0, 0.2, 3.0], [1.5, 0.2, -0.4, 1.2, 0.5, 2.0]);
+        let shares: Vec<f64> = form.iter().zip(error).map(|(f, e)| f * e).collect();
+        let squares = form.map(|f: f64| f * f);
+        let p = by_student(&shares, &squares);
+        assert!((p / 0.000_904 - 1.0).abs() < 2e-2, "{p}");
+        assert!(by_flips(&shares, 1) > 0.02);
+        assert_eq!(by_student(&shares.iter().map(|s| -s).collect::<Vec<_>>(), &squares), 1.0);
     }
 }

@@ -173,7 +173,10 @@ impl<'d> Frame<'d> {
     }
 
     /// The same, with what each gains where the scatter of groups is found anew.
-    pub(crate) fn scores_and_gains<C: AsRef<[Vec<f64>]> + Sync>(&self, candidates: &[C]) -> Vec<(Score, Gain)> {
+    pub(crate) fn scores_and_gains<C: AsRef<[Vec<f64>]> + Sync>(
+        &self,
+        candidates: &[C],
+    ) -> Vec<(Score, Gain)> {
         let levels = LevelsLeft::of(self);
         self.in_blocks(candidates, |c, kept, inverse| {
             let gain = levels.gain(self, c, kept, inverse);

@@ -89,20 +89,29 @@ fn few_exposures_are_refused_with_what_is_needed() {
     assert!(refused.help.is_some() && refused.expected.is_some());
 }
 
-/// Readings of a power meter that grow with the humidity, the more the larger the square is.
-fn readings(strength: f64, seed: u64) -> String {
+/// What a reading gains, by the series' humidity and temperature, each about -1 to 1, and the square's side.
+type GainOf<'a> = &'a dyn Fn(f64, f64, f64) -> f64;
+
+/// Readings of a power meter in 24 series.
+fn readings(gain: GainOf<'_>, seed: u64) -> String {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut text = String::from("channel,digital_count,square_px,irradiance_w_m2,series,time_s,humidity\n");
+    let mut text = String::from(
+        "channel,digital_count,square_px,irradiance_w_m2,series,time_s,humidity,temperature_c\n",
+    );
     for series in 0..24 {
         let humidity: f64 = random.random_range(30.0..70.0);
+        let temperature: f64 = random.random_range(20.0..24.0);
         for (k, count) in [8.0f64, 24.0, 60.0, 120.0, 255.0].into_iter().cycle().take(20).enumerate() {
             let side = [20.0f64, 60.0, 100.0, 200.0][(series + k) % 4];
-            let wet = ((humidity - 50.0) / 20.0) * (side / 200.0).sqrt();
+            let gained = gain((humidity - 50.0) / 20.0, (temperature - 22.0) / 2.0, side);
             let noise: f64 = StandardNormal.sample(&mut random);
             let light = side * side * (count / 255.0).powf(2.2);
-            let read = light * (1.0 + strength * wet) * (1.0 + 0.004 * noise) * 2e-9;
+            let read = light * (1.0 + gained) * (1.0 + 0.004 * noise) * 2e-9;
             let time_s = 30 * (20 * series + k);
-            let _ = writeln!(text, "w,{count},{side},{read:e},s{series:02},{time_s},{humidity:.2}");
+            let _ = writeln!(
+                text,
+                "w,{count},{side},{read:e},s{series:02},{time_s},{humidity:.2},{temperature:.3}"
+            );
         }
     }
     text
@@ -111,13 +120,32 @@ fn readings(strength: f64, seed: u64) -> String {
 #[test]
 fn a_hidden_formula_of_power_readings_is_found() {
     let setup = setup();
-    let data = dataset(&setup, &readings(0.02, 51));
+    // They grow with the humidity, the more the larger the square is.
+    let wet = |humidity: f64, _: f64, side: f64| 0.02 * humidity * (side / 200.0).sqrt();
+    let data = dataset(&setup, &readings(&wet, 51));
     let found = asked(&data);
     assert!(!found.terms.is_empty(), "{:?}", investigation_text(&data, &found));
     assert!(found.terms[0].covariates.contains(&"humidity".to_owned()), "{:?}", found.terms[0].covariates);
     assert!(found.terms[0].proof.p_value <= 0.01);
-    let nothing = asked(&dataset(&setup, &readings(0.0, 52)));
+    let nothing = asked(&dataset(&setup, &readings(&|_, _, _| 0.0, 52)));
     assert!(nothing.terms.is_empty());
+}
+
+/// Two laws that both change from series to series alone: half of the table has twelve series, whose scatter holds all of
+/// it until the formula is known.
+#[test]
+fn a_formula_of_two_columns_of_the_series_is_found() {
+    let setup = setup();
+    let both = |humidity: f64, temperature: f64, _: f64| 0.05 * (1.0 + humidity) * temperature;
+    for seed in 61..64 {
+        let data = dataset(&setup, &readings(&both, seed));
+        let found = asked(&data);
+        let text = investigation_text(&data, &found);
+        assert!(!found.terms.is_empty(), "{seed}: {text}");
+        let columns = &found.terms[0].covariates;
+        assert!(columns.contains(&"humidity".to_owned()), "{seed}: {text}");
+        assert!(columns.contains(&"temperature_c".to_owned()), "{seed}: {text}");
+    }
 }
 
 /// Pixels of a disc, predicted to the shape of a cosine; `error` is what the prediction lacks, of place and level.
