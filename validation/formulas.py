@@ -88,8 +88,8 @@ def window_bends(c, n):
     return c.line / HALF * c.r2 * (part(c, "pressure_hpa", c.air["pressure_hpa"]) - 0.5)
 
 
-def air_refracts(c, n):  # a wedge of air: pressure over absolute temperature, nearly the pressure alone
-    return towards(n) * c.air["pressure_hpa"][:, None] / (273.15 + 21) * 10
+def air_refracts(c, n):  # a wedge of air, against that of a day when the bench was aligned
+    return towards(n) * (c.air["pressure_hpa"][:, None] / 1007 - 1)
 
 
 def blemish(c, n):
@@ -193,19 +193,20 @@ def predicted(text, c):
 
 
 def judge(told, law, new, truth):
+    """What it comes to, and the error of what is predicted over the field's rms."""
     if law is None:
-        return "found" if told["terms"] or told["known"] else "nothing"
+        return ("found" if told["terms"] or told["known"] else "nothing"), None
     if not told["terms"]:
-        return "known effect" if told["known"] else "nothing"
+        return ("known effect" if told["known"] else "nothing"), None
     strong = [term for term in told["terms"] if not term["weak_beside"]]
     columns = {COLUMNS.get(name, name) for term in strong for name in term["covariates"]}
     said = "right columns" if columns == LAWS[law] else "other columns"
     if told["known"]:
-        return f"{said}, beside a known effect"
+        return f"{said}, beside a known effect", None
     made = sum(predicted(term["effect_toml"], new) for term in told["terms"])
     error = beyond_baseline(new, made - truth)
     share = np.sqrt((error**2).mean() / (beyond_baseline(new, truth) ** 2).mean())
-    return f"{said}, {'equivalent' if share <= 0.2 else 'not equivalent'}"
+    return f"{said}, {'equivalent' if share <= 0.2 else 'not equivalent'}", share
 
 
 def main():
@@ -232,15 +233,16 @@ def main():
                 sys.exit(f"{folder}: retina ended with {answer.returncode}: {answer.stderr}")
             done.write_text(answer.stdout)
         told = json.loads(done.read_text())
-        return folder, law, strength, judge(told, law, new, truth), told
+        return folder, law, strength, *judge(told, law, new, truth), told
 
     found = collections.defaultdict(collections.Counter)
     with ThreadPoolExecutor(options.jobs) as pool:
-        for folder, law, strength, result, told in pool.map(one, enumerate(plan)):
+        for folder, law, strength, result, share, told in pool.map(one, enumerate(plan)):
             found[strength][result] += 1
             if result not in ("right columns, equivalent", "found" if law else "nothing"):
                 columns = [term["covariates"] for term in told["terms"]]
-                print(folder.name, law and law.__name__, strength, result, told["known"], columns, flush=True)
+                off = "" if share is None else f"({share:.2f})"
+                print(folder.name, law and law.__name__, strength, result, off, told["known"], columns, flush=True)
     print("\n| strength | sets | right columns | equivalent | what else |\n|---|---|---|---|---|")
     for strength, results in sorted(found.items()):
         sum_of = lambda start, end="": sum(n for r, n in results.items() if r.startswith(start) and r.endswith(end))  # noqa: E731

@@ -141,10 +141,10 @@ fn a_formula_of_two_columns_of_the_series_is_found() {
         let data = dataset(&setup, &readings(&both, seed));
         let found = asked(&data);
         let text = investigation_text(&data, &found);
-        assert!(!found.terms.is_empty(), "{seed}: {text}");
+        assert!(!found.terms.is_empty(), "{seed}: {text:?}");
         let columns = &found.terms[0].covariates;
-        assert!(columns.contains(&"humidity".to_owned()), "{seed}: {text}");
-        assert!(columns.contains(&"temperature_c".to_owned()), "{seed}: {text}");
+        assert!(columns.contains(&"humidity".to_owned()), "{seed}: {text:?}");
+        assert!(columns.contains(&"temperature_c".to_owned()), "{seed}: {text:?}");
     }
 }
 
