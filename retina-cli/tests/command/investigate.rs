@@ -85,7 +85,8 @@ fn a_kept_formula_is_tried_by_diagnose() {
     let out = diagnosed(&readings(20), "kept");
     assert_done(&out);
     let said = String::from_utf8(out.stdout).unwrap();
-    assert!(said.contains("\"name\": \"found_1\"") && !said.contains("\"verdict\": \"unknown\""), "{said}");
+    // It or a rival in the same folder, which the first table could not tell from it.
+    assert!(said.contains("\"name\": \"found_1") && !said.contains("\"verdict\": \"unknown\""), "{said}");
     assert!(said.contains("of_points.toml was not tried"), "{said}");
     // Where nothing depends on it, it is not taken.
     let dry =
