@@ -177,8 +177,8 @@ def write(folder, seed, law, strength):
     return new, scale * law(new, numbers) if law else None
 
 
-def predicted(text, c):
-    """A user's effect, lines of sight, at the values its file begins with."""
+def predicted(text, fitted, c):
+    """A user's effect, lines of sight, at the values that the fit of all formulas together has found."""
     effect = tomllib.loads(text)
     x, y = (c.line / HALF).T
     names = {
@@ -187,7 +187,7 @@ def predicted(text, c):
         "exp": np.exp, "ln": np.log, "tanh": np.tanh, "sin": np.sin, "cos": np.cos, "abs": np.abs, "sqrt": np.sqrt,
         "step": lambda u: (u > 0) * 1.0,
     }  # fmt: skip
-    names |= {name: value["start"] for name, value in effect.get("parameters", {}).items()}
+    names |= {name: fitted[f"{effect['name']}.{name}"]["value"] for name in effect.get("parameters", {})}
     value = lambda text: eval(re.sub(r"\[\w+\]", "", text).replace("^", "**"), {"__builtins__": {}}, names)  # noqa: E731, S307
     return np.stack([np.zeros(c.rows) + value(effect[axis]) for axis in ("dx", "dy")], axis=1) * ARCSEC
 
@@ -203,7 +203,7 @@ def judge(told, law, new, truth):
     said = "right columns" if columns == LAWS[law] else "other columns"
     if told["known"]:
         return f"{said}, beside a known effect", None
-    made = sum(predicted(term["effect_toml"], new) for term in told["terms"])
+    made = sum(predicted(term["effect_toml"], told["fit"]["parameters"], new) for term in told["terms"])
     error = beyond_baseline(new, made - truth)
     share = np.sqrt((error**2).mean() / (beyond_baseline(new, truth) ** 2).mean())
     return f"{said}, {'equivalent' if share <= 0.2 else 'not equivalent'}", share
