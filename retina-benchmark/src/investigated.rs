@@ -27,6 +27,8 @@ use crate::score::{FINDABLE_SIGMA, Target, field_error, lines, numbers};
 
 /// Largest error of the predicted field, over its rms, of a formula that counts as equivalent.
 const EQUIVALENT: f64 = 0.2;
+/// How tables of readings begin.
+const READINGS: &str = "channel,";
 /// Stem of the lists of finished sets.
 const LIST: &str = "investigated";
 
@@ -90,8 +92,7 @@ fn one(folder: &Path, setup: &Setup, set: usize) -> Result<Investigated, InputEr
         predict(folder, set, &data, &found.fit)?;
     } else if !found.terms.is_empty() {
         let fresh = read(setup, &[own.join("fresh.csv")])?;
-        let predicted = found.fit.own_effects_on(&found.model, &fresh);
-        // The table's rows are sorted by exposure already: so are the data's.
+        let predicted = fresh.in_table_order(&found.fit.own_effects_on(&found.model, &fresh));
         let path = folder.join("predicted").join(format!("{set:05}-fresh.f32"));
         std::fs::write(&path, to_bytes(&predicted)).map_err(|error| io(&path, &error))?;
     }
@@ -131,14 +132,16 @@ fn columns<'a>(names: impl Iterator<Item = &'a str>) -> BTreeSet<String> {
 
 /// The same, on the table's own rows where known effects are in the model: only formulas are evaluated elsewhere.
 fn error_of(folder: &Path, said: &Investigated) -> Option<f64> {
-    match (said.known.is_empty(), numbers(&folder.join("predicted").join(format!("{:05}.f32", said.set)))) {
-        (true, _) => fresh_error(folder, said.set),
-        (false, None) => field_error(folder, said.set),
-        (false, Some(predicted)) => {
-            let truth = numbers(&folder.join("sealed").join(format!("{:05}.f32", said.set)))?;
-            Some(relative_error(&truth, &predicted))
-        }
+    if said.known.is_empty() {
+        return fresh_error(folder, said.set);
     }
+    let table = folder.join("sets").join(format!("{:05}", said.set)).join("table.csv");
+    if !std::fs::read_to_string(table).ok()?.starts_with(READINGS) {
+        return field_error(folder, said.set);
+    }
+    let predicted = numbers(&folder.join("predicted").join(format!("{:05}.f32", said.set)))?;
+    let truth = numbers(&folder.join("sealed").join(format!("{:05}.f32", said.set)))?;
+    Some(relative_error(&truth, &predicted))
 }
 
 /// Predicted minus true relative readings beside one gain, over the true ones' rms.
@@ -155,7 +158,7 @@ fn fresh_error(folder: &Path, set: usize) -> Option<f64> {
         .unwrap_or_else(|| vec![0.0; truth.len()]);
     let table =
         std::fs::read_to_string(folder.join("sets").join(format!("{set:05}")).join("fresh.csv")).ok()?;
-    if table.starts_with("channel,") {
+    if table.starts_with(READINGS) {
         return Some(relative_error(&truth, &predicted));
     }
     let (base, _) = baseline_of_table(&table);

@@ -450,3 +450,34 @@ pub fn campaign_table(rows: usize, exposures: usize, effect: Option<&str>, seed:
         effect.iter().map(|id| Hidden { id: (*id).to_owned(), strength: 3.0 }).collect();
     campaign.make(&hidden, &[nature(seed, 0)], None).text
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test may fail")]
+
+    use std::path::Path;
+
+    use retina_geometry::Setup;
+
+    use super::*;
+
+    /// What a data set says of its rows, put into the order of the lines, is what the lines say: its own order is another.
+    #[test]
+    fn rows_come_back_in_the_tables_order() {
+        let text = campaign_table(400, 8, None, 3);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("table.csv");
+        std::fs::write(&path, &text).unwrap();
+        let named = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/setups/wide-fov.toml");
+        let data = crate::run::read(&Setup::named(&named, Path::new("")).unwrap(), &[path]).unwrap();
+        let light = &data.covariate("log10_irradiance").unwrap().values;
+        let pairs: Vec<f64> = light.iter().flat_map(|l| [*l, *l]).collect();
+        let counts: Vec<f64> =
+            text.lines().skip(1).map(|line| line.split(',').nth(3).unwrap().parse().unwrap()).collect();
+        let found = data.in_table_order(&pairs);
+        let of_line = |l: f64| (255.0 * 10f64.powf(l / 2.2)).round();
+        let off = counts.iter().enumerate().filter(|(k, count)| of_line(found[2 * k]) != **count).count();
+        assert_eq!(off, 0, "of {}", counts.len());
+        assert_ne!(found, pairs);
+    }
+}

@@ -218,6 +218,16 @@ impl Dataset {
         Some(out)
     }
 
+    /// Values over the components of the rows in the order of the tables' lines; NaN for lines that are left out.
+    pub fn in_table_order(&self, values: &[f64]) -> Vec<f64> {
+        let n = self.components();
+        let mut out = vec![f64::NAN; n * self.table_rows];
+        for (row, &line) in self.order.iter().enumerate() {
+            out[n * line..n * (line + 1)].copy_from_slice(&values[n * row..n * (row + 1)]);
+        }
+        out
+    }
+
     /// Some of the rows, in their order. Groups of which none is left are gone. Not for pixels.
     pub(crate) fn of_rows(&self, rows: &[usize]) -> Self {
         let n = self.kind.components();
