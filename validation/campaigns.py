@@ -115,6 +115,14 @@ class Campaign:
         turned = radial @ np.array([[c, -s], [s, c]]).T + aside
         return turned * CAMERA_F + [1024, 768]
 
+    def add_noise(self, camera):
+        """Each point's own, what an exposure's points share, and outliers."""
+        random = self.random
+        camera += random.normal(size=(self.rows, 2)) * self.sigma[:, None]
+        camera += (random.normal(size=(self.exposures, 2)) * self.jitter)[self.image]
+        wild = random.random(self.rows) < self.outliers
+        camera[wild] += random.uniform(-4, 4, (wild.sum(), 2))
+
     def draw_facility(self):
         random = self.random
         self.facility = (
@@ -255,10 +263,7 @@ def write(folder, seed, name, strength):
         sigmas = oracle_sigmas(c, left * scale)
     # An effect of the display or the lenses acts before the distortion, one of the camera behind it; half of them each.
     camera = c.seen(c.line, field) if random.random() < 0.5 else c.seen(c.line + field)
-    camera += random.normal(size=(c.rows, 2)) * c.sigma[:, None]
-    camera += (random.normal(size=(c.exposures, 2)) * c.jitter)[c.image]
-    wild = random.random(c.rows) < c.outliers
-    camera[wild] += random.uniform(-4, 4, (wild.sum(), 2))
+    c.add_noise(camera)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "setup.toml").write_text(SETUP)
     head = "image,screen_x_px,screen_y_px,digital_count,channel,time_s,temperature_c,row_load,camera_x_px,camera_y_px"

@@ -159,10 +159,8 @@ def write(folder, seed, law, strength):
         left = beyond_baseline(c, law(c, numbers))
         scale = strength * c.noise / CAMERA_F / np.sqrt((left**2).mean())
         field = scale * law(c, numbers)
-    camera = c.seen(c.line + field) + random.normal(size=(c.rows, 2)) * c.sigma[:, None]
-    camera += (random.normal(size=(c.exposures, 2)) * c.jitter)[c.image]
-    wild = random.random(c.rows) < c.outliers
-    camera[wild] += random.uniform(-4, 4, (wild.sum(), 2))
+    camera = c.seen(c.line + field)
+    c.add_noise(camera)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "setup.toml").write_text(campaigns.SETUP)
     names = ["image", "screen_x_px", "screen_y_px", "digital_count", "channel", "time_s", "temperature_c", "row_load"]

@@ -10,7 +10,8 @@ use faer::{Mat, MatRef};
 use glam::DVec2;
 
 use crate::level::Level;
-use crate::score::Frame;
+use crate::linear::dot;
+use crate::score::{Frame, Score};
 
 /// What a form gains.
 pub(crate) struct Gain {
@@ -23,6 +24,7 @@ pub(crate) struct Gain {
 
 /// The levels of the groups as a model leaves them.
 pub(crate) struct LevelsLeft {
+    /// None where groups do not scatter: tiles of an image, settings of a meter that is told as averages.
     levels: Vec<(Level, DVec2)>,
     /// Their number, each component counted.
     count: f64,
@@ -38,6 +40,7 @@ impl LevelsLeft {
         let levels: Vec<(Level, DVec2)> = data
             .groups
             .iter()
+            .filter(|_| data.jitters)
             .map(|group| weights.level(data, group.rows.clone()))
             .filter(Level::counts)
             .map(|level| {
@@ -54,28 +57,25 @@ impl LevelsLeft {
         }
     }
 
-    /// The gain of whitened columns beside the base, those of them that are kept, with L^-1 of their products L L^T.
+    /// The gain of whitened columns beside the base, those of them that are kept, with L^-1 of their products L L^T, and their
+    /// score.
     pub(crate) fn gain(
         &self,
         frame: &Frame<'_>,
         columns: MatRef<'_, f64>,
         kept: &[usize],
         inverse: &Mat<f64>,
+        score: &Score,
     ) -> Gain {
         let column = |k: usize| columns.col(kept[k]).try_as_col_major().map_or(&[][..], |c| c.as_slice());
-        let sums: Vec<f64> = (0..kept.len()).map(|k| crate::linear::dot(column(k), &frame.error)).collect();
-        let along: Vec<f64> =
-            (0..kept.len()).map(|i| (0..=i).map(|k| inverse[(i, k)] * sums[k]).sum::<f64>()).collect();
-        let statistic: f64 = along.iter().map(|value| value * value).sum();
-        let amplitudes: Vec<f64> =
-            (0..kept.len()).map(|k| (k..kept.len()).map(|i| inverse[(i, k)] * along[i]).sum()).collect();
+        let amplitude = |k: usize| (k..kept.len()).map(|i| inverse[(i, k)] * score.along[i]).sum::<f64>();
         let mut explained = vec![DVec2::ZERO; self.levels.len()];
         let (mut of_levels, mut whole) = (0.0, f64::MIN_POSITIVE);
-        for (k, amplitude) in amplitudes.iter().enumerate() {
-            let own = column(k);
-            whole += amplitude * amplitude * crate::linear::dot(own, own);
+        for k in 0..kept.len() {
+            let (own, amplitude) = (column(k), amplitude(k));
+            whole += amplitude * amplitude * dot(own, own);
             for ((level, _), sum) in self.levels.iter().zip(&mut explained) {
-                let part = *amplitude * level.of(frame.data, &frame.weights, own);
+                let part = amplitude * level.of(frame.data, &frame.weights, own);
                 of_levels += part.length_squared();
                 *sum += part;
             }
@@ -84,7 +84,7 @@ impl LevelsLeft {
             self.levels.iter().zip(&explained).map(|((_, e), x)| (*e - *x).length_squared()).sum();
         let share = (of_levels / whole).clamp(0.0, 1.0);
         let values = share * self.count.max(2.0).ln() + (1.0 - share) * frame.components().max(2.0).ln();
-        Gain { gain: self.of_levels(left) + statistic - (self.square - left), values: values.exp() }
+        Gain { gain: self.of_levels(left) + score.statistic - (self.square - left), values: values.exp() }
     }
 
     /// The gain of what is left of the squares of the levels.

@@ -11,6 +11,7 @@ mod added;
 mod balance;
 mod catalogue;
 mod cells;
+mod chance;
 mod compare;
 mod data;
 mod decode;

@@ -331,11 +331,7 @@ pub fn predictions_text(path: &Path, data: &Dataset, fit: &Fit) -> Result<String
     } else {
         "baseline,effect,residual,outlier\n"
     });
-    let mut place = vec![None; data.table_rows];
-    for (row, &line) in data.order.iter().enumerate() {
-        place[line] = Some(row);
-    }
-    for row in place {
+    for row in data.rows_of_lines() {
         let Some(row) = row else {
             text.push_str(&",".repeat(3 * n));
             text.push_str("1\n");

@@ -7,13 +7,12 @@
 //! same everywhere, so whatever it could be is fitted freely.
 
 use glam::DVec2;
-use rand::{RngExt as _, SeedableRng as _};
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::added::{AddedEffect, adjusted};
 use crate::balance::balanced;
 use crate::catalogue::{Effect, Variant, effects};
+use crate::chance::chance;
 use crate::data::{Dataset, Flip};
 use crate::level::Level;
 use crate::levels_left::Gain;
@@ -22,17 +21,12 @@ use crate::noise::{Weights, robust_fit};
 use crate::pixel_noise;
 use crate::scatter::{Noise, noise};
 use crate::score::{Frame, Score};
-use crate::series::two_sided;
 use crate::units::{Units, in_time};
 
 /// Fewest units of a half: their signs flip in 64 ways.
 const FEWEST_UNITS: usize = 6;
 /// Share of the rows from which on outliers may be what the model lacks.
 const MANY_OUTLIERS: f64 = 0.1;
-/// Draws of the signs.
-const FLIPS: usize = 9999;
-/// A form that fewer units carry is judged by Student's t: signs of six units reach no 1 %.
-const FEW_CARRY: f64 = 8.0;
 
 /// Rows of a table with what is fitted to them.
 struct Rows {
@@ -309,12 +303,10 @@ impl Halves {
             squares[unit] += dot(&form[span.clone()], &form[span]);
         }
         let found: f64 = shares.iter().sum();
-        let carry = square * square / squares.iter().map(|s| s * s).sum::<f64>();
-        let p_value = if carry < FEW_CARRY { by_student(&shares, &squares) } else { by_flips(&shares, seed) };
         let scatter = shares.iter().map(|share| (share - found / units.count as f64).powi(2)).sum::<f64>();
         let kept = (weights[1].kept() * n) as f64;
         Proof {
-            p_value,
+            p_value: chance(&shares, &squares, seed),
             ratio: found / square,
             ratio_sigma: scatter.sqrt() / square,
             strength: (square / kept).sqrt(),
@@ -417,37 +409,6 @@ impl Halves {
     }
 }
 
-/// Chance that flipped signs of the units' shares sum to at least as much.
-fn by_flips(shares: &[f64], seed: u64) -> f64 {
-    let found: f64 = shares.iter().sum();
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let reached = (0..FLIPS)
-        .filter(|_| {
-            let drawn: f64 =
-                shares.iter().map(|share| if random.random::<bool>() { *share } else { -share }).sum();
-            drawn >= found - 1e-9 * found.abs()
-        })
-        .count();
-    (1 + reached) as f64 / (1 + FLIPS) as f64
-}
-
-/// Chance of at least as large an amplitude by Student's t. Each unit measures the amplitude by e = <form, error> / |form|,
-/// normal about amplitude times |form| with one variance; that variance comes from what the amplitude leaves.
-fn by_student(shares: &[f64], squares: &[f64]) -> f64 {
-    let whole: f64 = squares.iter().sum();
-    let amplitude = shares.iter().sum::<f64>() / whole;
-    // A unit that the form hardly touches measures nothing.
-    let of_unit: Vec<(f64, f64)> =
-        shares.iter().zip(squares).filter(|(_, s)| **s > 1e-9 * whole).map(|(e, s)| (*e, *s)).collect();
-    let free = of_unit.len().saturating_sub(1);
-    if amplitude <= 0.0 || free == 0 {
-        return 1.0;
-    }
-    let left: f64 = of_unit.iter().map(|(e, s)| (e - amplitude * s).powi(2) / s).sum();
-    let sigma = (left / free as f64 / whole).sqrt();
-    0.5 * two_sided(amplitude / sigma.max(f64::MIN_POSITIVE), free)
-}
-
 /// A column for each group and component that is 1 there.
 fn group_levels(data: &Dataset) -> Vec<Vec<f64>> {
     let n = data.components();
@@ -494,26 +455,5 @@ impl Rows {
     fn remainder(&self, with: &[Vec<f64>]) -> Remainder<'_> {
         let frame = Frame::weighted(&self.data, &self.base, self.weights(with));
         Remainder { frame, base: &self.base }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Of equal units it is the test of a mean (numbers by numerical integration of Student's density). Of unequal ones,
-    /// three of which carry the form, signs cannot say what it says.
-    #[test]
-    fn student_says_more_than_signs_of_few_units() {
-        let values = [1.1, 0.4, -0.3, 0.8, 1.5, 0.2];
-        let p = by_student(&values, &[1.0; 6]);
-        assert!((p / 0.033_766 - 1.0).abs() < 5e-3, "{p}");
-        let (form, error) = ([2.0, 0.5, 0.5, 1.0, 0.2, 3.0], [1.5, 0.2, -0.4, 1.2, 0.5, 2.0]);
-        let shares: Vec<f64> = form.iter().zip(error).map(|(f, e)| f * e).collect();
-        let squares = form.map(|f: f64| f * f);
-        let p = by_student(&shares, &squares);
-        assert!((p / 0.000_904 - 1.0).abs() < 2e-2, "{p}");
-        assert!(by_flips(&shares, 1) > 0.02);
-        assert_eq!(by_student(&shares.iter().map(|s| -s).collect::<Vec<_>>(), &squares), 1.0);
     }
 }

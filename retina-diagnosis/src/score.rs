@@ -62,6 +62,8 @@ pub(crate) struct Score {
     /// Contributions along each of its orthonormal directions: a row for each range of a unit, then one for each part of the
     /// calibration's error of unit variance.
     pub(crate) contributions: Mat<f64>,
+    /// Whitened errors along each of those directions.
+    pub(crate) along: Vec<f64>,
     /// The score.
     pub(crate) statistic: f64,
 }
@@ -179,8 +181,9 @@ impl<'d> Frame<'d> {
     ) -> Vec<(Score, Gain)> {
         let levels = LevelsLeft::of(self);
         self.in_blocks(candidates, |c, kept, inverse| {
-            let gain = levels.gain(self, c, kept, inverse);
-            (self.of_directions(c, kept, inverse), gain)
+            let score = self.of_directions(c, kept, inverse);
+            let gain = levels.gain(self, c, kept, inverse, &score);
+            (score, gain)
         })
     }
 
@@ -256,11 +259,10 @@ impl<'d> Frame<'d> {
             }
         }
         let contributions = &raw * inverse.transpose();
-        let statistic = (0..kept.len())
-            .map(|i| (0..=i).map(|k| inverse[(i, k)] * sums[k]).sum::<f64>())
-            .map(|along| along * along)
-            .sum();
-        Score { contributions, statistic }
+        let along: Vec<f64> =
+            (0..kept.len()).map(|i| (0..=i).map(|k| inverse[(i, k)] * sums[k]).sum()).collect();
+        let statistic = along.iter().map(|along| along * along).sum();
+        Score { contributions, along, statistic }
     }
 
     /// Amplitudes of columns beside the base, with standard deviations; infinite where they depend on each other.

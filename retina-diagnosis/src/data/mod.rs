@@ -218,14 +218,21 @@ impl Dataset {
         Some(out)
     }
 
+    /// For each line of the tables its row; `None` for lines that are left out.
+    pub(crate) fn rows_of_lines(&self) -> Vec<Option<usize>> {
+        let mut out = vec![None; self.table_rows];
+        for (row, &line) in self.order.iter().enumerate() {
+            out[line] = Some(row);
+        }
+        out
+    }
+
     /// Values over the components of the rows in the order of the tables' lines; NaN for lines that are left out.
     pub fn in_table_order(&self, values: &[f64]) -> Vec<f64> {
         let n = self.components();
-        let mut out = vec![f64::NAN; n * self.table_rows];
-        for (row, &line) in self.order.iter().enumerate() {
-            out[n * line..n * (line + 1)].copy_from_slice(&values[n * row..n * (row + 1)]);
-        }
-        out
+        let of_line =
+            |row: Option<usize>| (0..n).map(move |k| row.map_or(f64::NAN, |row| values[n * row + k]));
+        self.rows_of_lines().into_iter().flat_map(of_line).collect()
     }
 
     /// Some of the rows, in their order. Groups of which none is left are gone. Not for pixels.
