@@ -1,16 +1,15 @@
 //! What a form gains where the scatter of groups is found anew.
 //!
-//! The scatter of groups is estimated from their levels. Beside a model that lacks a form it holds what the form would
-//! explain. A form of the levels then never takes off more squares than there are levels, however well it fits, and a
-//! search among twelve series ends with the form that has least to say. Here the scatter is what the form leaves of it:
-//! with S the squares of the n whitened levels and S' what is left of them, the gain is n ln(S / S'), and beyond the noise
-//! of the rows, whose size is known, the difference of the squares. Squares within groups count as they are.
+//! The scatter of groups is estimated from their levels. While a model lacks a form, that scatter contains what the form
+//! would explain. A form of the levels then takes off at most one square a level, however well it fits, and a search
+//! among twelve series prefers the simplest form. So the scatter is taken as what the form leaves of it. With S the squares
+//! of the n whitened levels and S' what is left of them, the gain is n ln(S / S'). Below the noise of the rows, whose size
+//! is known, it grows in proportion to the squares. Squares within groups count as they are.
 
 use faer::{Mat, MatRef};
 use glam::DVec2;
 
 use crate::level::Level;
-use crate::linear::dot;
 use crate::score::{Frame, Score};
 
 /// What a form gains.
@@ -67,22 +66,20 @@ impl LevelsLeft {
         inverse: &Mat<f64>,
         score: &Score,
     ) -> Gain {
-        let column = |k: usize| columns.col(kept[k]).try_as_col_major().map_or(&[][..], |c| c.as_slice());
-        let amplitude = |k: usize| (k..kept.len()).map(|i| inverse[(i, k)] * score.along[i]).sum::<f64>();
-        let mut explained = vec![DVec2::ZERO; self.levels.len()];
-        let (mut of_levels, mut whole) = (0.0, f64::MIN_POSITIVE);
-        for k in 0..kept.len() {
-            let (own, amplitude) = (column(k), amplitude(k));
-            whole += amplitude * amplitude * dot(own, own);
-            for ((level, _), sum) in self.levels.iter().zip(&mut explained) {
-                let part = amplitude * level.of(frame.data, &frame.weights, own);
-                of_levels += part.length_squared();
-                *sum += part;
-            }
+        let mut explained = vec![0.0; frame.error.len()];
+        for (k, &column) in kept.iter().enumerate() {
+            let amplitude: f64 = (k..kept.len()).map(|i| inverse[(i, k)] * score.along[i]).sum();
+            let column = columns.col(column).try_as_col_major().map_or(&[][..], |c| c.as_slice());
+            explained.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
         }
-        let left: f64 =
-            self.levels.iter().zip(&explained).map(|((_, e), x)| (*e - *x).length_squared()).sum();
-        let share = (of_levels / whole).clamp(0.0, 1.0);
+        let (mut of_levels, mut left) = (0.0, 0.0);
+        for (level, error) in &self.levels {
+            let own = level.of(frame.data, &frame.weights, &explained);
+            of_levels += own.length_squared();
+            left += (*error - own).length_squared();
+        }
+        // What is explained is orthogonal to what is left, so its square is the score.
+        let share = (of_levels / score.statistic.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let values = share * self.count.max(2.0).ln() + (1.0 - share) * frame.components().max(2.0).ln();
         Gain { gain: self.of_levels(left) + score.statistic - (self.square - left), values: values.exp() }
     }
