@@ -62,12 +62,24 @@ impl RobustFit {
         for row in alike {
             let error = &self.residual[row * n..(row + 1) * n];
             let largest = OUTLIER_SIGMAS * weights.sigma[row].hypot(weights.jitter_variance.sqrt());
-            let over = 1.0 - (largest / dot(error, error).sqrt()).min(1.0);
-            y[row * n..(row + 1) * n].iter_mut().zip(error).for_each(|(y, e)| *y -= over * e);
-            weights.weight[row] = weights.sigma[row].powi(-2);
-            weights.outlier[row] = false;
+            cut(&mut y[row * n..(row + 1) * n], error, largest);
+            weights.count_again([row]);
         }
         Some((weights, y))
+    }
+
+    /// Weights and data in which all rows weigh the same, and errors are cut to the length that this `share` of them
+    /// has at most.
+    pub(crate) fn cut_alike(&self, data: &Dataset, share: f64) -> (Weights, Vec<f64>) {
+        let n = data.kind.components();
+        let mut lengths: Vec<f64> = self.residual.chunks_exact(n).map(|e| dot(e, e).sqrt()).collect();
+        lengths.sort_by(f64::total_cmp);
+        let largest = lengths.get((share * lengths.len() as f64) as usize).copied().unwrap_or(f64::INFINITY);
+        let mut y = data.y.clone();
+        y.chunks_exact_mut(n).zip(self.residual.chunks_exact(n)).for_each(|(y, e)| cut(y, e, largest));
+        let squares: f64 = lengths.iter().map(|length| length.min(largest).powi(2)).sum();
+        let mean = squares / self.residual.len().max(1) as f64;
+        (Weights::equal(data.len(), mean.sqrt()), y)
     }
 
     /// Outliers that share a value of a column with rows of which more than half are outliers: rows of groups that are not
@@ -111,6 +123,12 @@ impl RobustFit {
     }
 }
 
+/// A row's values with its error cut to a length.
+fn cut(values: &mut [f64], error: &[f64], largest: f64) {
+    let over = 1.0 - (largest / dot(error, error).sqrt()).min(1.0);
+    values.iter_mut().zip(error).for_each(|(value, e)| *value -= over * e);
+}
+
 impl Weights {
     /// The same standard deviation for all rows, no common errors, no outliers.
     pub(crate) fn equal(rows: usize, sigma: f64) -> Self {
@@ -120,6 +138,14 @@ impl Weights {
             jitter_variance: 0.0,
             outlier: vec![false; rows],
             field_size: 0.0,
+        }
+    }
+
+    /// Takes rows for no outliers.
+    pub(crate) fn count_again(&mut self, rows: impl IntoIterator<Item = usize>) {
+        for row in rows {
+            self.weight[row] = self.sigma[row].powi(-2);
+            self.outlier[row] = false;
         }
     }
 

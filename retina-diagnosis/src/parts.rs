@@ -21,7 +21,9 @@ use crate::noise::{Weights, robust_fit};
 use crate::pixel_noise;
 use crate::scatter::{Noise, noise};
 use crate::score::{Frame, Score};
+use crate::together::Together;
 use crate::units::{Units, in_time};
+use crate::wander::likeliest;
 
 /// Fewest units of a half: their signs flip in 64 ways.
 const FEWEST_UNITS: usize = 6;
@@ -238,20 +240,23 @@ impl Halves {
         self.search.remainder(with)
     }
 
-    /// The same, but where outliers are many: most of them may be what the model lacks, so no row is left out, and all
-    /// weigh the same.
+    /// The same, but what the model lacks may be strong: outliers that lie together and point the same way count. Where the
+    /// others are many, all rows weigh the same, and the largest errors are cut.
     pub fn search_unrejected(&self, with: &[Vec<f64>]) -> Remainder<'_> {
         let Rows { data, base, .. } = &self.search;
         let columns: Vec<Vec<f64>> = base.iter().chain(with).cloned().collect();
-        let robust = robust_fit(data, &columns);
-        let outliers = robust.weights.outlier.iter().filter(|out| **out).count();
-        let weights = if outliers as f64 > MANY_OUTLIERS * data.len() as f64 {
-            let mean = dot(&robust.residual, &robust.residual) / robust.residual.len().max(1) as f64;
-            Weights::equal(data.len(), mean.sqrt())
+        let mut fit = robust_fit(data, &columns);
+        if let Some(together) = Together::of(data, &fit.residual, &fit.weights) {
+            fit.weights.count_again(together.rows);
+        }
+        let outliers = fit.weights.outlier.iter().filter(|out| **out).count();
+        let frame = if outliers as f64 > MANY_OUTLIERS * data.len() as f64 {
+            let (weights, y) = fit.cut_alike(data, 1.0 - 0.5 * MANY_OUTLIERS);
+            Frame::of_values(data, base, weights, &y)
         } else {
-            robust.weights
+            Frame::weighted(data, base, fit.weights)
         };
-        Remainder { frame: Frame::weighted(data, base, weights), base }
+        Remainder { frame, base }
     }
 
     /// What the model leaves in the half that judges.
@@ -273,7 +278,8 @@ impl Halves {
     /// `columns` are those it was fitted with, for the weights.
     pub fn prove(&self, predicted: &[f64], columns: &[Vec<f64>], seed: u64) -> Proof {
         let weights = [&self.search, &self.judge].map(|half| half.weights(&half.cut(columns)));
-        let whiten = |column: &[f64]| self.conditioned(&weights, column);
+        let rho = self.wander(columns);
+        let whiten = |column: &[f64]| self.conditioned(&weights, rho, column);
         let mut basis = Basis::default();
         if let Some(field) = self.whole.data.field() {
             for (column, _) in field.columns(1.0) {
@@ -350,17 +356,25 @@ impl Halves {
         group_levels(data)
     }
 
+    /// Correlation of groups that follow each other, as a form of these columns is judged: the likeliest beside the form,
+    /// also where it cannot be told from none. A form that follows the wandering in one half would agree with the other.
+    fn wander(&self, columns: &[Vec<f64>]) -> f64 {
+        let Rows { data, base, .. } = &self.whole;
+        let all: Vec<Vec<f64>> = base.iter().chain(columns).cloned().collect();
+        let fit = robust_fit(data, &all);
+        likeliest(data, &fit.residual, &fit.weights).max(data.wander)
+    }
+
     /// A column over all rows as the judging half sees it: whitened, and without what the other half's levels predict where
     /// groups follow each other. An autoregression of first order of correlation rho is known beside its nearest known
     /// neighbours, d before and e after, by (1, rho^(d + e); rho^(d + e), 1)^-1 (rho^d, rho^e).
-    fn conditioned(&self, weights: &[Weights; 2], column: &[f64]) -> Vec<f64> {
+    fn conditioned(&self, weights: &[Weights; 2], rho: f64, column: &[f64]) -> Vec<f64> {
         let halves = [&self.search, &self.judge];
         let mut white = [0, 1].map(|k| {
             let mut cut = halves[k].cut_one(column);
             weights[k].whiten_rows_of(&halves[k].data, &mut cut);
             cut
         });
-        let rho = self.whole.data.wander;
         if rho == 0.0 {
             return std::mem::take(&mut white[1]);
         }

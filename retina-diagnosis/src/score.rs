@@ -114,7 +114,8 @@ impl<'d> Frame<'d> {
         }
     }
 
-    fn of_values(data: &'d Dataset, base: &[Vec<f64>], weights: Weights, y: &[f64]) -> Self {
+    /// The base under weights that are given, with other values for the table's.
+    pub(crate) fn of_values(data: &'d Dataset, base: &[Vec<f64>], weights: Weights, y: &[f64]) -> Self {
         let mut basis = Basis::spanning(&weights.whitened_field(data));
         let whitening = weights.whitening(data);
         let columns: Vec<Vec<f64>> = base.iter().map(|column| whitening.of(column)).collect();

@@ -18,10 +18,10 @@ const AGREE: f64 = 0.4;
 const SURE: f64 = 4.0;
 
 /// Such outliers.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(crate) struct Together {
     /// Those that have a neighbour which is one, too.
-    count: usize,
+    pub(crate) rows: Vec<usize>,
     /// Their middle, camera px.
     middle_px: [f64; 2],
 }
@@ -83,14 +83,16 @@ impl Together {
             places.sort_by(f64::total_cmp);
             places[places.len() / 2]
         };
-        Some(Self { count: rows.len(), middle_px: [middle(0), middle(1)] })
+        Some(Self { middle_px: [middle(0), middle(1)], rows })
     }
 
     /// What to tell.
     pub(crate) fn note(&self) -> String {
         format!(
             "{} outliers lie together, about ({:.0}, {:.0}) px of the camera in the median, and point the same way: they are what the model lacks there, and no accidents",
-            self.count, self.middle_px[0], self.middle_px[1]
+            self.rows.len(),
+            self.middle_px[0],
+            self.middle_px[1]
         )
     }
 }

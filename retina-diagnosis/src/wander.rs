@@ -34,34 +34,70 @@ const TRIED: [f64; 9] = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8];
 
 /// Correlation of a group's whitened level with the next one's; 0 where there is none that could be told.
 pub(crate) fn correlation(data: &Dataset, residual: &[f64], weights: &Weights) -> f64 {
-    let order = in_time(data);
-    if !data.jitters || order.len() < FEWEST_GROUPS {
-        return 0.0;
+    let neighbours = Neighbours::of(data, residual, weights).filter(Neighbours::follow);
+    neighbours.map_or(0.0, |neighbours| neighbours.likeliest())
+}
+
+/// The likeliest correlation, whether it could be told from none or not: for tests that must not take a wandering of a few
+/// dozen groups for an effect.
+pub(crate) fn likeliest(data: &Dataset, residual: &[f64], weights: &Weights) -> f64 {
+    Neighbours::of(data, residual, weights).map_or(0.0, |neighbours| neighbours.likeliest())
+}
+
+/// How levels of groups that follow each other agree.
+struct Neighbours {
+    look: Look,
+    groups: usize,
+    axes: usize,
+    /// Their correlation beside what `look` takes out.
+    found: f64,
+}
+
+impl Neighbours {
+    /// `None` where no correlation can be told.
+    fn of(data: &Dataset, residual: &[f64], weights: &Weights) -> Option<Self> {
+        let order = in_time(data);
+        if !data.jitters || order.len() < FEWEST_GROUPS {
+            return None;
+        }
+        let levels = levels(data, residual, weights, &order);
+        let look = Look::new(data, &order);
+        let found = look.correlation(&levels)?;
+        Some(Self { look, groups: order.len(), axes: levels.len(), found })
     }
-    let levels = levels(data, residual, weights, &order);
-    let look = Look::new(data, &order);
-    let Some(found) = look.correlation(&levels) else { return 0.0 };
-    let simulated = |rho: f64, seed: u64, count: usize| -> Vec<f64> {
+
+    /// The same of levels that have a correlation of `rho`.
+    fn simulated(&self, rho: f64, seed: u64, count: usize) -> Vec<f64> {
         (0..count)
             .into_par_iter()
             .filter_map(|k| {
                 let mut random = ChaCha8Rng::seed_from_u64(seed);
                 random.set_stream(k as u64);
                 let drawn: Vec<Vec<f64>> =
-                    levels.iter().map(|_| autoregression(&mut random, order.len(), rho)).collect();
-                look.correlation(&drawn)
+                    (0..self.axes).map(|_| autoregression(&mut random, self.groups, rho)).collect();
+                self.look.correlation(&drawn)
             })
             .collect()
-    };
-    let beyond = simulated(0.0, 1, SIMULATIONS).iter().filter(|r| **r >= found).count();
-    if (1 + beyond) as f64 > LEVEL * (1 + SIMULATIONS) as f64 {
-        return 0.0;
     }
-    let off = |rho: f64| {
-        let all = simulated(rho, 2, SIMULATIONS / 4);
-        (all.iter().sum::<f64>() / all.len().max(1) as f64 - found).abs()
-    };
-    TRIED.into_iter().map(|rho| (off(rho), rho)).min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0.0, |best| best.1)
+
+    /// Whether they agree more than independent levels do.
+    fn follow(&self) -> bool {
+        let beyond = self.simulated(0.0, 1, SIMULATIONS).iter().filter(|r| **r >= self.found).count();
+        (1 + beyond) as f64 <= LEVEL * (1 + SIMULATIONS) as f64
+    }
+
+    /// The correlation whose levels agree as these do.
+    fn likeliest(&self) -> f64 {
+        let off = |rho: f64| {
+            let all = self.simulated(rho, 2, SIMULATIONS / 4);
+            (all.iter().sum::<f64>() / all.len().max(1) as f64 - self.found).abs()
+        };
+        TRIED
+            .into_iter()
+            .map(|rho| (off(rho), rho))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or(0.0, |best| best.1)
+    }
 }
 
 /// Whitened level of each group along each axis, in the order of time.

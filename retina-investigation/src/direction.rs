@@ -38,6 +38,12 @@ pub enum Direction {
     Swirl,
     /// The same way within a width of a place.
     Spot,
+    /// A dent with wide skirts: it falls as a power of the distance.
+    WideDent,
+    /// A swirl with wide skirts.
+    WideSwirl,
+    /// A spot with wide skirts.
+    WideSpot,
     /// The same way, in waves over the field.
     Wave,
 }
@@ -47,6 +53,9 @@ const fn place(name: &'static str) -> Shape {
 }
 
 const LOCAL: [Shape; 3] = [place("centre_x"), place("centre_y"), place("extent")];
+const WIDE: [Shape; 4] = [place("centre_x"), place("centre_y"), place("extent"), place("skirt")];
+/// Exponent of the skirts that a search begins with.
+const SKIRT: f64 = 2.0;
 const WAVE: [Shape; 2] = [place("wave_x"), place("wave_y")];
 
 /// A vector's two components as text.
@@ -73,12 +82,13 @@ impl Direction {
         Self::Prism,
     ];
 
-    /// Those that are confined or wavy.
+    /// Those that are confined or wavy. Those with wide skirts are tried where a narrow one is good ([`Self::twin`]).
     pub(crate) const SHAPED: [Self; 4] = [Self::Dent, Self::Swirl, Self::Spot, Self::Wave];
 
     pub(crate) fn shapes(self) -> &'static [Shape] {
         match self {
             Self::Dent | Self::Swirl | Self::Spot => &LOCAL,
+            Self::WideDent | Self::WideSwirl | Self::WideSpot => &WIDE,
             Self::Wave => &WAVE,
             _ => &[],
         }
@@ -86,12 +96,27 @@ impl Direction {
 
     /// Shape parameters at which a search begins.
     pub(crate) fn starts(self) -> Vec<Vec<f64>> {
+        self.starts_on([-0.75, -0.375, 0.0, 0.375, 0.75], [-0.5, 0.0, 0.5], [0.15, 0.35])
+    }
+
+    /// The same, close to each other: a confined field that is further off than its extent shows nothing.
+    pub(crate) fn close_starts(self) -> Vec<Vec<f64>> {
+        let x = [-0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8];
+        self.starts_on(x, [-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6], [0.12, 0.25, 0.5])
+    }
+
+    fn starts_on<const X: usize, const Y: usize, const W: usize>(
+        self,
+        x: [f64; X],
+        y: [f64; Y],
+        widths: [f64; W],
+    ) -> Vec<Vec<f64>> {
         match self {
             Self::Dent | Self::Swirl | Self::Spot => {
                 let mut out = Vec::new();
-                for x in [-0.75, -0.375, 0.0, 0.375, 0.75] {
-                    for y in [-0.5, 0.0, 0.5] {
-                        out.extend([0.15, 0.35].map(|width| vec![x, y, width]));
+                for x in x {
+                    for y in y {
+                        out.extend(widths.map(|width| vec![x, y, width]));
                     }
                 }
                 out
@@ -113,9 +138,27 @@ impl Direction {
         }
     }
 
+    /// The same with wide skirts, or without, at the same place; none of those that are not confined.
+    pub(crate) fn twin(self, shape: &[f64]) -> Option<(Self, Vec<f64>)> {
+        let twin = match self {
+            Self::Dent => Self::WideDent,
+            Self::Swirl => Self::WideSwirl,
+            Self::Spot => Self::WideSpot,
+            Self::WideDent => Self::Dent,
+            Self::WideSwirl => Self::Swirl,
+            Self::WideSpot => Self::Spot,
+            _ => return None,
+        };
+        let place = shape.iter().copied().chain([SKIRT]).take(twin.shapes().len()).collect();
+        Some((twin, place))
+    }
+
     pub(crate) fn moves(self) -> Vec<Move> {
         match self {
             Self::Dent | Self::Swirl | Self::Spot => vec![Move::By(0.12), Move::By(0.12), Move::Times(1.5)],
+            Self::WideDent | Self::WideSwirl | Self::WideSpot => {
+                vec![Move::By(0.12), Move::By(0.12), Move::Times(1.5), Move::Times(1.4)]
+            }
             Self::Wave => vec![Move::By(0.8), Move::By(0.8)],
             _ => Vec::new(),
         }
@@ -123,8 +166,12 @@ impl Direction {
 
     pub(crate) fn allows(self, shape: &[f64]) -> bool {
         match self {
-            Self::Dent | Self::Swirl | Self::Spot => {
-                shape[0].abs() <= 1.3 && shape[1].abs() <= 1.3 && (0.03..=2.0).contains(&shape[2])
+            Self::Dent | Self::Swirl | Self::Spot | Self::WideDent | Self::WideSwirl | Self::WideSpot => {
+                let skirt = shape.get(3).copied().unwrap_or(SKIRT);
+                shape[0].abs() <= 1.3
+                    && shape[1].abs() <= 1.3
+                    && (0.03..=2.0).contains(&shape[2])
+                    && (0.5..=12.0).contains(&skirt)
             }
             Self::Wave => shape[0].hypot(shape[1]) <= 60.0,
             _ => true,
@@ -141,6 +188,9 @@ impl Direction {
                 | Self::Dent
                 | Self::Swirl
                 | Self::Spot
+                | Self::WideDent
+                | Self::WideSwirl
+                | Self::WideSpot
                 | Self::Wave
         )
     }
@@ -153,7 +203,8 @@ impl Direction {
             | Self::Anamorphic
             | Self::Tilted
             | Self::Prism
-            | Self::Spot => 2,
+            | Self::Spot
+            | Self::WideSpot => 2,
             Self::Linear | Self::Wave => 4,
             _ => 1,
         }
@@ -169,7 +220,12 @@ impl Direction {
         let (x, y) = (table.x[row], table.y[row]);
         let local = || {
             let (dx, dy) = (x - shape[0], y - shape[1]);
-            (dx, dy, (-(dx * dx + dy * dy) / (shape[2] * shape[2])).exp())
+            let square = (dx * dx + dy * dy) / (shape[2] * shape[2]);
+            let fall = match shape.get(3) {
+                Some(skirt) => (1.0 + square).powf(-skirt),
+                None => (-square).exp(),
+            };
+            (dx, dy, fall)
         };
         match self {
             Self::Value => {}
@@ -191,15 +247,15 @@ impl Direction {
                 let r2 = x * x + y * y;
                 out.extend([[r2, 0.0], [0.0, r2]]);
             }
-            Self::Dent => {
+            Self::Dent | Self::WideDent => {
                 let (dx, dy, fall) = local();
                 out.push([dx * fall, dy * fall]);
             }
-            Self::Swirl => {
+            Self::Swirl | Self::WideSwirl => {
                 let (dx, dy, fall) = local();
                 out.push([-dy * fall, dx * fall]);
             }
-            Self::Spot => {
+            Self::Spot | Self::WideSpot => {
                 let (_, _, fall) = local();
                 out.extend([[fall, 0.0], [0.0, fall]]);
             }
@@ -216,7 +272,11 @@ impl Direction {
         let at = |k: usize| shape.get(k).map_or("", String::as_str);
         let local = || {
             let (dx, dy) = (format!("(x - {})", at(0)), format!("(y - {})", at(1)));
-            let fall = format!("exp(-({dx}^2 + {dy}^2) / {}^2)", at(2));
+            let square = format!("({dx}^2 + {dy}^2) / {}^2", at(2));
+            let fall = match shape.get(3) {
+                Some(skirt) => format!("(1 + {square})^(-{skirt})"),
+                None => format!("exp(-{square})"),
+            };
             (dx, dy, fall)
         };
         const ROLL: &str = "(camera_roll_deg * pi / 180)";
@@ -237,15 +297,15 @@ impl Direction {
             Self::Linear => vec![pair("x", ""), pair("y", ""), pair("", "x"), pair("", "y")],
             Self::Tilted => vec![pair("x^2", "x * y"), pair("x * y", "y^2")],
             Self::Prism => vec![pair("r^2", ""), pair("", "r^2")],
-            Self::Dent => {
+            Self::Dent | Self::WideDent => {
                 let (dx, dy, fall) = local();
                 vec![[format!("{dx} * {fall}"), format!("{dy} * {fall}")]]
             }
-            Self::Swirl => {
+            Self::Swirl | Self::WideSwirl => {
                 let (dx, dy, fall) = local();
                 vec![[format!("(-{dy}) * {fall}"), format!("{dx} * {fall}")]]
             }
-            Self::Spot => {
+            Self::Spot | Self::WideSpot => {
                 let (_, _, fall) = local();
                 vec![pair(&fall, ""), pair("", &fall)]
             }

@@ -265,7 +265,9 @@ mod tests {
         let mut forms: Vec<Form> = Vec::new();
         for direction in Direction::PLAIN.into_iter().chain(Direction::SHAPED) {
             for place in direction.starts().into_iter().take(2) {
+                let twin = direction.twin(&place);
                 forms.push(Form { direction, place, factors: Vec::new() });
+                forms.extend(twin.map(|(direction, place)| Form { direction, place, factors: Vec::new() }));
             }
         }
         let plain = forms.len();

@@ -3,15 +3,14 @@
 use std::sync::atomic::AtomicUsize;
 
 use rayon::prelude::*;
-use retina_diagnosis::{
-    AddedEffect, Dataset, DiagnoseOptions, Halves, LeftOut, Proof, Remainder, diagnose_step, fit,
-};
+use retina_diagnosis::{AddedEffect, Dataset, DiagnoseOptions, Halves, Proof, diagnose_step, fit};
 use retina_files::InputError;
 use retina_formats::TableKind;
 
 use crate::columns::{Column, Table, columns};
 use crate::form::Form;
-use crate::outcome::{Investigation, Rival, Term, Unproven};
+use crate::outcome::{Investigation, Term, Unproven, WeakEffect};
+use crate::rivals::{Choice, inseparable, sum};
 use crate::search::{Scored, Search, WEAK, finite, simplest};
 use crate::words::words;
 
@@ -36,12 +35,6 @@ const LEVEL: f64 = 0.01;
 const JUDGED: usize = 12;
 /// Level at which another form may take the place of the one that the search chose.
 const LEVEL_RIVAL: f64 = 0.05;
-/// Standard errors within which formulas are not told apart.
-const TOLD_APART: f64 = 2.0;
-/// Most formulas beside the first that are named.
-const MOST_RIVALS: usize = 4;
-/// Formulas with so much more to say are no rivals.
-const RIVAL_COMPLEXITY: usize = 2;
 /// A structure weaker than this, rms over noise, is not reported.
 const FLOOR: f64 = 0.025;
 /// Most known effects that join the model.
@@ -50,8 +43,6 @@ const MOST_KNOWN: usize = 4;
 const ALIKE: f64 = 0.9;
 /// A fit in which an amplitude grows by more than this has run along a valley: two formulas nearly cancel there.
 const MOST_GROWTH: f64 = 5.0;
-/// A formula whose difference from another one is below this share of its rms is the same.
-const SAME: f64 = 0.02;
 
 /// Looks for formulas of what the model leaves: the baseline, the `added` effects, and those that a diagnosis names.
 ///
@@ -69,6 +60,7 @@ pub fn investigate(
         data,
         model: added.to_vec(),
         known: Vec::new(),
+        known_weak: Vec::new(),
         terms: Vec::new(),
         forms: Vec::new(),
         unproven: None,
@@ -92,6 +84,7 @@ pub fn investigate(
     let fit = fit(data, &model)?;
     Ok(Investigation {
         known: out.known,
+        known_weak: out.known_weak,
         noise: fit.noise.clone(),
         terms: out.terms,
         unproven: out.unproven,
@@ -107,6 +100,7 @@ struct Rounds<'a> {
     data: &'a Dataset,
     model: Vec<AddedEffect>,
     known: Vec<&'static str>,
+    known_weak: Vec<WeakEffect>,
     terms: Vec<Term>,
     /// Their forms, with amplitudes.
     forms: Vec<(Form, Vec<f64>)>,
@@ -134,6 +128,7 @@ impl Rounds<'_> {
     /// Adds what a diagnosis of what is left accepts; false where it accepts nothing.
     fn diagnosed(&mut self) -> Result<bool, InputError> {
         (self.progress)("looking for known effects", 0.95);
+        self.known_weak.clear();
         // Where nothing was found it would only say again what `diagnose` says, with its own rate of false alarms. Effects
         // of images change the prediction, which is made anew with each: the caller's to do.
         let nothing = self.model.is_empty() || self.data.kind == TableKind::Frames;
@@ -143,23 +138,32 @@ impl Rounds<'_> {
         let options = DiagnoseOptions { seed: self.options.seed, ..DiagnoseOptions::default() };
         let found = diagnose_step(self.data, &self.model, &options, !self.model.is_empty());
         let before = self.known.len();
-        for id in &found.accepted {
-            let effect = AddedEffect::read(id, self.data)?;
-            if self.holds(&effect) && self.fits_with(&effect) {
-                self.model.push(effect);
-                self.known.push(id);
+        let strongest = self.terms.iter().max_by(|a, b| a.proof.strength.total_cmp(&b.proof.strength));
+        let strongest = strongest.map(|term| (term.name.clone(), term.proof.strength));
+        for &effect in &found.accepted {
+            let read = AddedEffect::read(effect, self.data)?;
+            let Some(Proof { strength, .. }) = self.holds(&read) else { continue };
+            match &strongest {
+                Some((beside, most)) if strength < WEAK * most => {
+                    self.known_weak.push(WeakEffect { effect, strength, beside: beside.clone() });
+                }
+                _ if self.fits_with(&read) => {
+                    self.model.push(read);
+                    self.known.push(effect);
+                }
+                _ => {}
             }
         }
         Ok(self.known.len() > before)
     }
 
-    /// Whether a catalogued effect, fitted to one half, holds in the other: the diagnosis has seen both.
-    fn holds(&self, effect: &AddedEffect) -> bool {
+    /// The proof of a catalogued effect that, fitted to one half, holds in the other: the diagnosis has seen both.
+    fn holds(&self, effect: &AddedEffect) -> Option<Proof> {
         let (AddedEffect::Catalogued(known), Ok(halves)) = (effect, Halves::new(self.data, &self.model))
         else {
-            return false;
+            return None;
         };
-        halves.prove_known(known, self.options.seed).is_some_and(|proof| proof.p_value <= LEVEL)
+        halves.prove_known(known, self.options.seed).filter(|proof| proof.p_value <= LEVEL)
     }
 
     /// Looks for one more formula; false where none is proven.
@@ -277,7 +281,9 @@ impl Rounds<'_> {
                 .push(format!("the formula {name} cannot be fitted as a user's effect and is left out"));
             return Ok(None);
         };
-        let rivals = self.rivals(&left, &scored, &errors, best, columns, whole, &field, &name);
+        let choice =
+            Choice { left: &left, scored: &scored, errors: &errors, best, columns, whole, field: &field };
+        let rivals = choice.rivals(self.data, &name);
         let proof = judged
             .iter()
             .find(|judged| judged.form.family() == own.family())
@@ -377,124 +383,8 @@ impl Rounds<'_> {
         };
         model.iter().filter(ours).all(near)
     }
-
-    /// Forms that units left out do not tell from the best.
-    #[expect(clippy::too_many_arguments, reason = "one step of the round above, with what that has at hand")]
-    fn rivals(
-        &self,
-        left: &Remainder<'_>,
-        scored: &[Scored],
-        errors: &[LeftOut],
-        best: usize,
-        columns: &[Column],
-        whole: &Table,
-        field: &[f64],
-        name: &str,
-    ) -> Vec<Rival> {
-        let n = whole.components;
-        let rms = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
-        let mut out = Vec::new();
-        for (k, rival) in scored.iter().enumerate() {
-            let beaten_by = errors[k].beaten_by(&errors[best]);
-            let most = scored[best].form.complexity() + RIVAL_COMPLEXITY;
-            let more = rival.form.factors.len() > scored[best].form.factors.len();
-            if k == best || beaten_by > TOLD_APART || more || rival.form.complexity() > most {
-                continue;
-            }
-            let evaluated = finite(rival.form.evaluate(whole, columns));
-            let amplitudes: Vec<f64> = left.amplitudes(&evaluated).iter().map(|(value, _)| *value).collect();
-            let other = sum(&evaluated, amplitudes.iter().copied());
-            // What the baseline takes up is no difference.
-            let difference: Vec<f64> = field.iter().zip(&other).map(|(a, b)| a - b).collect();
-            let beside = left.beside(&difference);
-            let own = left.beside(field);
-            if rms(&beside) < SAME * rms(&own) {
-                continue;
-            }
-            let difference = left.without_model(&difference);
-            let row = (0..whole.rows)
-                .max_by(|&a, &b| {
-                    let size =
-                        |row: usize| difference[row * n..(row + 1) * n].iter().map(|v| v * v).sum::<f64>();
-                    size(a).total_cmp(&size(b))
-                })
-                .unwrap_or(0);
-            let mut names = rival.form.covariates(columns);
-            for name in scored[best].form.covariates(columns) {
-                if !names.contains(&name) {
-                    names.push(name);
-                }
-            }
-            let held = vec![true; rival.form.shapes()];
-            out.push(Rival {
-                effect: rival.form.effect(
-                    columns,
-                    self.data.kind,
-                    &format!("{name}_rival"),
-                    &amplitudes,
-                    &held,
-                ),
-                covariates: rival.form.covariates(columns),
-                difference_rms: rms(&difference),
-                differs_by: rms(&difference[row * n..(row + 1) * n]) * (n as f64).sqrt(),
-                differs_at: names
-                    .into_iter()
-                    .filter_map(|name| {
-                        let value = self.data.covariate(&name)?.values[row];
-                        Some((name, value))
-                    })
-                    .collect(),
-                beaten_by,
-            });
-        }
-        out.truncate(MOST_RIVALS);
-        out
-    }
-}
-
-/// For each shape parameter whether the data cannot tell it from what else is fitted.
-fn inseparable(
-    left: &Remainder<'_>,
-    form: &Form,
-    table: &Table,
-    columns: &[Column],
-    amplitudes: &[f64],
-) -> Vec<bool> {
-    let shape = form.shape();
-    let of = |shape: &[f64]| {
-        sum(&finite(form.with_shape(shape).evaluate(table, columns)), amplitudes.iter().copied())
-    };
-    let mut beside = finite(form.evaluate(table, columns));
-    (0..shape.len())
-        .map(|k| {
-            let step = 1e-4 * shape[k].abs().max(1e-3);
-            let moved = |sign: f64| {
-                let mut moved = shape.clone();
-                moved[k] += sign * step;
-                of(&moved)
-            };
-            let (above, below) = (moved(1.0), moved(-1.0));
-            let slope: Vec<f64> = above.iter().zip(&below).map(|(a, b)| (a - b) / (2.0 * step)).collect();
-            let before = left.scores(&[beside.clone()])[0].rank;
-            beside.push(slope);
-            let separable = left.scores(&[beside.clone()])[0].rank > before;
-            if !separable {
-                beside.pop();
-            }
-            !separable
-        })
-        .collect()
 }
 
 fn name(number: usize) -> String {
     format!("found_{number}")
-}
-
-/// Columns times amplitudes, added up.
-fn sum(columns: &[Vec<f64>], amplitudes: impl Iterator<Item = f64>) -> Vec<f64> {
-    let mut out = vec![0.0; columns.first().map_or(0, Vec::len)];
-    for (column, amplitude) in columns.iter().zip(amplitudes) {
-        out.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
-    }
-    out
 }

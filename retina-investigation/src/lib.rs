@@ -15,13 +15,14 @@ mod law;
 mod outcome;
 mod output;
 mod page;
+mod rivals;
 mod search;
 mod words;
 
 pub use direction::Direction;
 pub use investigate::{Options, investigate};
 pub use law::Law;
-pub use outcome::{Investigation, Rival, Term, Unproven};
+pub use outcome::{Investigation, Rival, Term, Unproven, WeakEffect};
 pub use output::{investigation_json, investigation_text};
 pub use page::investigation_page;
 pub use words::{Origin, Words};

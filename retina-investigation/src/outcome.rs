@@ -57,10 +57,23 @@ pub struct Unproven {
     pub proof: Proof,
 }
 
+/// A known effect that holds beside the formulas, and may be only what their laws lack. It is not in the model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WeakEffect {
+    /// Its id.
+    pub effect: &'static str,
+    /// Its rms over that of the noise, in the half that judges.
+    pub strength: f64,
+    /// The formula that is so much stronger.
+    pub beside: String,
+}
+
 /// The outcome.
 pub struct Investigation {
     /// Known effects that were found beside the formulas and belong to the model.
     pub known: Vec<&'static str>,
+    /// Known effects that are too weak beside a formula to belong to the model.
+    pub known_weak: Vec<WeakEffect>,
     /// Formulas in the order in which they were found.
     pub terms: Vec<Term>,
     /// The last that was looked for and not confirmed.

@@ -3,7 +3,7 @@
 use retina_diagnosis::{Dataset, Proof, fit_json, fit_text};
 use serde_json::{Value, json};
 
-use crate::outcome::{Investigation, Rival, Term};
+use crate::outcome::{Investigation, Rival, Term, WeakEffect};
 use crate::words::short;
 
 /// What was found, in a word: `found` or `nothing`.
@@ -80,6 +80,7 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
             out.push(format!("      shown by: {}", origin.instrument));
         }
     }
+    out.extend(result.known_weak.iter().map(weak_text));
     if let Some(unproven) = &result.unproven {
         out.push(format!(
             "looked for {} and not confirmed, the best form of {}: {}",
@@ -93,6 +94,15 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
     out.extend(fit_text(data, &result.fit));
     out.extend(result.notes.iter().map(|note| format!("note: {note}")));
     out
+}
+
+pub(crate) fn weak_text(weak: &WeakEffect) -> String {
+    format!(
+        "{} holds on the other half, too ({} of the noise). It is weak beside {} and may be only what the laws of that formula lack: it is not in the model.",
+        weak.effect,
+        short(weak.strength),
+        weak.beside
+    )
 }
 
 fn rival_text(rival: &Rival, unit: &str) -> Vec<String> {
@@ -155,6 +165,11 @@ pub fn investigation_json(data: &Dataset, result: &Investigation) -> Value {
         "verdict": verdict(result),
         "headline": headline(result),
         "known": result.known,
+        "known_weak": result.known_weak.iter().map(|weak| json!({
+            "effect": weak.effect,
+            "strength": weak.strength,
+            "beside": weak.beside,
+        })).collect::<Vec<_>>(),
         "terms": result.terms.iter().map(term_json).collect::<Vec<_>>(),
         "unproven": result.unproven.as_ref().map(|unproven| json!({
             "effect_toml": unproven.effect,

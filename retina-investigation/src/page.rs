@@ -4,7 +4,7 @@ use retina_diagnosis::{AddedEffect, Dataset, fit_page, followed_svg};
 use retina_report::{Page, Section};
 
 use crate::outcome::{Investigation, Term};
-use crate::output::{formula_lines, headline, investigation_text, proof_text};
+use crate::output::{formula_lines, headline, investigation_text, proof_text, weak_text};
 use crate::words::short;
 
 /// A page that opens offline: each formula in words and drawn on the data, then the fit.
@@ -21,6 +21,7 @@ pub fn investigation_page(data: &Dataset, result: &Investigation) -> Page {
     if !result.known.is_empty() {
         told.push(format!("Known effects that belong to the model: {}.", result.known.join(", ")));
     }
+    told.extend(result.known_weak.iter().map(weak_text));
     if let Some(unproven) = &result.unproven {
         told.push(format!(
             "Looked for and not confirmed, the best form of {}: {}.",

@@ -76,7 +76,13 @@ impl Search<'_> {
             for scored in self.scored(&left, all) {
                 keep(&mut best, scored);
             }
-            for scored in self.refined(&left, leading(&best, REFINED)) {
+            let mut promising = leading(&best, REFINED);
+            if generation == 0 {
+                // A confined or wavy field scores little until it is where the data want it.
+                promising
+                    .extend(Direction::SHAPED.iter().filter_map(|d| best.get(&(*d, Vec::new())).cloned()));
+            }
+            for scored in self.refined(&left, promising) {
                 keep(&mut best, scored);
             }
             let top = leading(&best, BEAM);
@@ -113,8 +119,10 @@ impl Search<'_> {
         let points = self.kind == TableKind::Points;
         let directions: &[Direction] = if points { &Direction::FIRST } else { &[Direction::Value] };
         if points {
-            for direction in Direction::PLAIN.into_iter().chain(Direction::SHAPED) {
-                out.extend(self.without_laws(direction));
+            out.extend(Direction::PLAIN.into_iter().flat_map(|direction| self.without_laws(direction)));
+            for direction in Direction::SHAPED {
+                let of = |place| Form { direction, place, factors: Vec::new() };
+                out.extend(direction.close_starts().into_iter().map(of));
             }
         }
         for &direction in directions {
@@ -233,6 +241,9 @@ impl Search<'_> {
                     out.extend(direction.starts().into_iter().map(of));
                 }
             }
+        }
+        if let Some((direction, place)) = form.direction.twin(&form.place) {
+            out.push(Form { direction, place, factors: form.factors.clone() });
         }
         for k in 0..form.factors.len() {
             for factor in self.factors_of(form.factors[k].column) {

@@ -86,7 +86,8 @@ fn likely(form: &Form, own: &[String]) -> Vec<Origin> {
         .filter_map(|origin| {
             let known = |name: &String| name == "any" || own.contains(name);
             let covers = others.iter().all(|own| origin.columns.iter().any(|c| c == *own || c == "any"));
-            let directed = origin.directions.is_empty() || origin.directions.contains(&direction);
+            let directed = origin.directions.is_empty()
+                || origin.directions.iter().any(|name| direction.trim_start_matches("Wide") == name);
             let lawful = origin.laws.is_empty() || laws.iter().any(|law| origin.laws.contains(law));
             if !origin.columns.iter().all(known) || !covers || !directed {
                 return None;
@@ -108,8 +109,9 @@ fn direction(form: &Form, amplitudes: &[f64], unit: &str) -> String {
         _ => String::new(),
     };
     let centre = || {
+        let skirts = if form.place.len() > 3 { " and with wide skirts beyond" } else { "" };
         format!(
-            "the place ({:.2}, {:.2}), within {:.2} of half the width",
+            "the place ({:.2}, {:.2}), within {:.2} of half the width{skirts}",
             form.place[0], form.place[1], form.place[2]
         )
     };
@@ -135,9 +137,11 @@ fn direction(form: &Form, amplitudes: &[f64], unit: &str) -> String {
         Direction::Linear => "It is a linear change of the field: scale, turn, stretch or shear.".to_owned(),
         Direction::Tilted => "It is the field of a plane that tilts.".to_owned(),
         Direction::Prism => format!("It grows as the radius squared, the same way everywhere{}.", angle()),
-        Direction::Dent => format!("It moves points away from, or towards, {}.", centre()),
-        Direction::Swirl => format!("It turns points about {}.", centre()),
-        Direction::Spot => format!("It shifts points about {}{}.", centre(), angle()),
+        Direction::Dent | Direction::WideDent => {
+            format!("It moves points away from, or towards, {}.", centre())
+        }
+        Direction::Swirl | Direction::WideSwirl => format!("It turns points about {}.", centre()),
+        Direction::Spot | Direction::WideSpot => format!("It shifts points about {}{}.", centre(), angle()),
         Direction::Wave => {
             let (kx, ky) = (form.place[0], form.place[1]);
             format!(

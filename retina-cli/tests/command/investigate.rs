@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::common::{assert_done, assert_refused, retina};
+use crate::common::{assert_done, assert_refused, json, retina};
 
 /// Readings of a power meter that grow with the humidity, the more the larger the square is. Noise of 0.4 %.
 fn readings(series: usize) -> String {
@@ -40,10 +40,9 @@ fn asked(folder: &Path, table: &str, more: &[&str]) -> std::process::Output {
 fn a_formula_that_is_found_is_an_effect_for_fit() {
     let folder = tempfile::tempdir().unwrap();
     let out = asked(folder.path(), &readings(24), &["--out", "found", "--report", "page.html", "--json"]);
-    assert_done(&out);
-    let said = String::from_utf8(out.stdout).unwrap();
-    assert!(said.contains("\"retina.investigation/1\"") && said.contains("\"verdict\": \"found\""), "{said}");
-    assert!(said.contains("\"humidity\""));
+    let said = json(&out);
+    assert_eq!((&said["schema"], &said["verdict"]), (&"retina.investigation/1".into(), &"found".into()));
+    assert!(said["terms"][0]["covariates"].as_array().unwrap().contains(&"humidity".into()), "{said}");
     let page = std::fs::read_to_string(folder.path().join("page.html")).unwrap();
     assert!(page.contains("found_1") && page.contains("<svg") && !page.contains("src=\"http"));
 

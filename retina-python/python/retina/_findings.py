@@ -309,6 +309,11 @@ class Investigation(_Findings):
         return self._texts("known")
 
     @property
+    def known_weak(self) -> list[str]:
+        """Known effects that may be only what a formula's laws lack: they are not in the model."""
+        return [str(weak["effect"]) for weak in self._document["known_weak"]]
+
+    @property
     def formulas(self) -> list[Formula]:
         """The formulas, in the order in which they were found."""
         return [
