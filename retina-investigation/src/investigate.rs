@@ -128,7 +128,6 @@ impl Rounds<'_> {
     /// Adds what a diagnosis of what is left accepts; false where it accepts nothing.
     fn diagnosed(&mut self) -> Result<bool, InputError> {
         (self.progress)("looking for known effects", 0.95);
-        self.known_weak.clear();
         // Where nothing was found it would only say again what `diagnose` says, with its own rate of false alarms. Effects
         // of images change the prediction, which is made anew with each: the caller's to do.
         let nothing = self.model.is_empty() || self.data.kind == TableKind::Frames;
@@ -138,23 +137,28 @@ impl Rounds<'_> {
         let options = DiagnoseOptions { seed: self.options.seed, ..DiagnoseOptions::default() };
         let found = diagnose_step(self.data, &self.model, &options, !self.model.is_empty());
         let before = self.known.len();
-        let strongest = self.terms.iter().max_by(|a, b| a.proof.strength.total_cmp(&b.proof.strength));
-        let strongest = strongest.map(|term| (term.name.clone(), term.proof.strength));
-        for &effect in &found.accepted {
-            let read = AddedEffect::read(effect, self.data)?;
-            let Some(Proof { strength, .. }) = self.holds(&read) else { continue };
-            match &strongest {
-                Some((beside, most)) if strength < WEAK * most => {
-                    self.known_weak.push(WeakEffect { effect, strength, beside: beside.clone() });
-                }
-                _ if self.fits_with(&read) => {
-                    self.model.push(read);
-                    self.known.push(effect);
-                }
-                _ => {}
+        for &id in &found.accepted {
+            let effect = AddedEffect::read(id, self.data)?;
+            let Some(proof) = self.holds(&effect) else { continue };
+            if !self.weak(id, &proof) && self.fits_with(&effect) {
+                self.model.push(effect);
+                self.known.push(id);
             }
         }
         Ok(self.known.len() > before)
+    }
+
+    /// Whether a known effect is so weak beside a formula that it may be only what the laws of that lack; notes it then.
+    fn weak(&mut self, effect: &'static str, proof: &Proof) -> bool {
+        let strength = proof.strength;
+        let strongest = self.terms.iter().max_by(|a, b| a.proof.strength.total_cmp(&b.proof.strength));
+        let Some(formula) = strongest.filter(|formula| strength < WEAK * formula.proof.strength) else {
+            return false;
+        };
+        let beside = formula.name.clone();
+        self.known_weak.retain(|weak| weak.effect != effect);
+        self.known_weak.push(WeakEffect { effect, strength, beside });
+        true
     }
 
     /// The proof of a catalogued effect that, fitted to one half, holds in the other: the diagnosis has seen both.
@@ -273,7 +277,7 @@ impl Rounds<'_> {
                 && AddedEffect::read(name, self.data).is_ok_and(|effect| self.fits_with(&effect))
         };
         if let Some(name) = alike.iter().map(|(name, _)| *name).find(|name| new(name)) {
-            return Ok(Some(Chosen::Known(name)));
+            return Ok((!self.weak(name, &judged[0].proof)).then_some(Chosen::Known(name)));
         }
         let frozen = inseparable(&left, own, whole, columns, &amplitudes);
         let Some((text, effect)) = self.readable(own, columns, &name, &amplitudes, frozen) else {
