@@ -212,6 +212,25 @@ impl Look {
 mod tests {
     use super::*;
 
+    /// Levels that agree as those of a correlation do have that one most likely.
+    #[test]
+    fn the_likeliest_correlation_is_that_of_levels_which_agree_so() {
+        let of = |found: f64| {
+            let look = Look {
+                smooth: Basis::of([vec![1.0; 60], (0..60).map(f64::from).collect()]),
+                steps: Vec::new(),
+            };
+            Neighbours { look, groups: 60, axes: 2, found }
+        };
+        for rho in [0.0, 0.4, 0.7] {
+            let all = of(0.0).simulated(rho, 7, 200);
+            let mean = all.iter().sum::<f64>() / all.len() as f64;
+            let likeliest = of(mean).likeliest();
+            assert!((likeliest - rho).abs() < 0.11, "{rho}: {likeliest}");
+        }
+        assert!(of(0.6).follow() && !of(0.0).follow());
+    }
+
     /// Of 60 levels with a correlation of 0.7 most of it is found beside a drift and a step; of none, none.
     #[test]
     fn a_wandering_is_told_from_none() {

@@ -57,6 +57,33 @@ fn a_hidden_formula_of_points_is_found_and_holds_elsewhere() {
     assert_eq!(json["verdict"], "found");
 }
 
+/// A blemish of the window, forty times the noise at its strongest: most of it looks like outliers, and its skirts fall as a
+/// power of the distance. A shift with the temperature that is weak beside it may be its doing, and is told apart.
+#[test]
+fn a_strong_blemish_is_one_formula_and_what_is_weak_beside_it_is_said() {
+    let blemish = |p: &Point| {
+        let off = p.r / HALF - DVec2::new(-0.13, 0.3);
+        let fall = 1.0 / (1.0 + off.length_squared() / 0.04);
+        let warm = DVec2::new(0.8, 0.6) * (p.temperature_c - 20.0);
+        p.r + (off * (900.0 * fall * fall) + warm) * ARCSEC
+    };
+    let data = Campaign::new(41).data(&setup(), &blemish);
+    let found = asked(&data);
+    let said = investigation_text(&data, &found);
+    assert!(found.known.is_empty() && found.terms.len() == 1, "{said:#?}");
+    let term = &found.terms[0];
+    assert!(term.effect.contains("skirt") && term.covariates == ["x", "y"], "{}", term.effect);
+    let weak: Vec<(&str, &str)> = found.known_weak.iter().map(|w| (w.effect, w.beside.as_str())).collect();
+    assert_eq!(weak, [("thermal_boresight", "found_1")]);
+    assert!(said.iter().any(|line| line.starts_with("thermal_boresight holds on the other half, too")));
+    let fitted = |name: &str| {
+        found.fit.parameters.iter().find(|p| p.name == format!("found_1.{name}")).unwrap().value.abs()
+    };
+    for (name, value) in [("centre_x", 0.13), ("centre_y", 0.3), ("extent", 0.2), ("skirt", 2.0)] {
+        assert!((fitted(name) / value - 1.0).abs() < 0.1, "{name}: {}", fitted(name));
+    }
+}
+
 #[test]
 fn noise_has_no_formula() {
     // One table in fifty has one by chance: these have none.
