@@ -51,6 +51,7 @@ def fresh(c, random):
     drawn = {name: random.uniform(*limits, 600) for name, limits in c.limits.items()}
     new.time_s, new.temperature = drawn.pop("time_s"), drawn.pop("temperature_c")
     new.air, new.limits = drawn, c.limits
+    new.channel = random.choice(c.channel, 600)
     return new
 
 
@@ -150,7 +151,9 @@ def write(folder, seed, law, strength):
     random = np.random.default_rng(seed)
     while True:
         c = Campaign(random)
-        if 24 <= c.exposures <= 80 and not (law in (trail, image_turns, gate_scratches) and c.by_exposure):
+        # Laws of the light need several counts in an exposure, and one colour: `flux` is the count's alone.
+        light = law in (trail, image_turns, gate_scratches)
+        if 24 <= c.exposures <= 80 and not (light and (c.by_exposure or c.coloured)):
             break
     c.draw_facility()
     dress(c, random)
@@ -185,6 +188,7 @@ def predicted(text, fitted, c):
         "exp": np.exp, "ln": np.log, "tanh": np.tanh, "sin": np.sin, "cos": np.cos, "abs": np.abs, "sqrt": np.sqrt,
         "step": lambda u: (u > 0) * 1.0,
     }  # fmt: skip
+    names |= {f"channel_{name}": (c.channel == name) * 1.0 for name in "rgb"}
     names |= {name: fitted[f"{effect['name']}.{name}"]["value"] for name in effect.get("parameters", {})}
     value = lambda text: eval(re.sub(r"\[\w+\]", "", text).replace("^", "**"), {"__builtins__": {}}, names)  # noqa: E731, S307
     return np.stack([np.zeros(c.rows) + value(effect[axis]) for axis in ("dx", "dy")], axis=1) * ARCSEC
