@@ -360,6 +360,9 @@ impl Halves {
     /// also where it cannot be told from none. A form that follows the wandering in one half would agree with the other.
     fn wander(&self, columns: &[Vec<f64>]) -> f64 {
         let Rows { data, base, .. } = &self.whole;
+        if !data.jitters {
+            return data.wander;
+        }
         let all: Vec<Vec<f64>> = base.iter().chain(columns).cloned().collect();
         let fit = robust_fit(data, &all);
         likeliest(data, &fit.residual, &fit.weights).max(data.wander)

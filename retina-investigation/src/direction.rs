@@ -138,15 +138,23 @@ impl Direction {
         }
     }
 
+    /// The same without wide skirts.
+    pub(crate) fn narrow(self) -> Self {
+        match self {
+            Self::WideDent => Self::Dent,
+            Self::WideSwirl => Self::Swirl,
+            Self::WideSpot => Self::Spot,
+            other => other,
+        }
+    }
+
     /// The same with wide skirts, or without, at the same place; none of those that are not confined.
     pub(crate) fn twin(self, shape: &[f64]) -> Option<(Self, Vec<f64>)> {
         let twin = match self {
             Self::Dent => Self::WideDent,
             Self::Swirl => Self::WideSwirl,
             Self::Spot => Self::WideSpot,
-            Self::WideDent => Self::Dent,
-            Self::WideSwirl => Self::Swirl,
-            Self::WideSpot => Self::Spot,
+            Self::WideDent | Self::WideSwirl | Self::WideSpot => self.narrow(),
             _ => return None,
         };
         let place = shape.iter().copied().chain([SKIRT]).take(twin.shapes().len()).collect();

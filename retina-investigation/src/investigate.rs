@@ -151,12 +151,9 @@ impl Rounds<'_> {
     /// Whether a known effect is so weak beside a formula that it may be only what the laws of that lack; notes it then.
     fn weak(&mut self, effect: &'static str, proof: &Proof) -> bool {
         let strength = proof.strength;
-        let strongest = self.terms.iter().max_by(|a, b| a.proof.strength.total_cmp(&b.proof.strength));
-        let Some(formula) = strongest.filter(|formula| strength < WEAK * formula.proof.strength) else {
-            return false;
-        };
-        let beside = formula.name.clone();
         self.known_weak.retain(|weak| weak.effect != effect);
+        let Some(formula) = self.much_stronger(strength) else { return false };
+        let beside = formula.name.clone();
         self.known_weak.push(WeakEffect { effect, strength, beside });
         true
     }
@@ -304,9 +301,14 @@ impl Rounds<'_> {
         Ok(Some(Chosen::Formula(Box::new(term), effect)))
     }
 
+    /// The first formula that is so much stronger that what has this strength may be only what its laws lack.
+    fn much_stronger(&self, strength: f64) -> Option<&Term> {
+        self.terms.iter().find(|term| strength < WEAK * term.proof.strength)
+    }
+
     /// What of the model is so much stronger than a formula of this rms, and strength beside the model, that it may be only what that lacks.
     fn weak_beside(&self, rms: f64, strength: f64) -> Result<Option<String>, InputError> {
-        if let Some(before) = self.terms.iter().find(|before| strength < WEAK * before.proof.strength) {
+        if let Some(before) = self.much_stronger(strength) {
             return Ok(Some(before.name.clone()));
         }
         let known = self.known_effects();

@@ -119,11 +119,8 @@ impl Search<'_> {
         let points = self.kind == TableKind::Points;
         let directions: &[Direction] = if points { &Direction::FIRST } else { &[Direction::Value] };
         if points {
-            out.extend(Direction::PLAIN.into_iter().flat_map(|direction| self.without_laws(direction)));
-            for direction in Direction::SHAPED {
-                let of = |place| Form { direction, place, factors: Vec::new() };
-                out.extend(direction.close_starts().into_iter().map(of));
-            }
+            out.extend(Direction::PLAIN.into_iter().flat_map(|d| without_laws(d, d.starts())));
+            out.extend(Direction::SHAPED.into_iter().flat_map(|d| without_laws(d, d.close_starts())));
         }
         for &direction in directions {
             for factor in self.factors() {
@@ -137,11 +134,6 @@ impl Search<'_> {
         }
         out.retain(|form| self.possible(form));
         out
-    }
-
-    fn without_laws(&self, direction: Direction) -> Vec<Form> {
-        let form = |place| Form { direction, place, factors: Vec::new() };
-        direction.starts().into_iter().map(form).collect()
     }
 
     /// Every law of every column at each shape that a search begins at.
@@ -181,7 +173,7 @@ impl Search<'_> {
         let charge = left.components().ln();
         let mut all: Vec<(f64, usize, Form)> = Direction::SHAPED
             .into_iter()
-            .flat_map(|direction| self.without_laws(direction))
+            .flat_map(|d| without_laws(d, d.starts()))
             .collect::<Vec<_>>()
             .into_par_iter()
             .flat_map_iter(|form| {
@@ -355,6 +347,11 @@ impl Search<'_> {
         }
         best
     }
+}
+
+/// Forms of a direction alone, one for each place.
+fn without_laws(direction: Direction, places: Vec<Vec<f64>>) -> Vec<Form> {
+    places.into_iter().map(|place| Form { direction, place, factors: Vec::new() }).collect()
 }
 
 /// A form with one law less, each of its laws in turn.

@@ -77,7 +77,7 @@ pub(crate) fn words(
 
 /// Mechanisms whose columns are in the formula; those that agree in direction and law first.
 fn likely(form: &Form, own: &[String]) -> Vec<Origin> {
-    let direction = format!("{:?}", form.direction);
+    let direction = format!("{:?}", form.direction.narrow());
     let laws: Vec<String> = form.factors.iter().map(|factor| format!("{:?}", factor.law)).collect();
     // Fields of errors always depend on the place: a mechanism that names no place is one of the others.
     let others: Vec<&String> = own.iter().filter(|name| !["x", "y"].contains(&name.as_str())).collect();
@@ -86,8 +86,7 @@ fn likely(form: &Form, own: &[String]) -> Vec<Origin> {
         .filter_map(|origin| {
             let known = |name: &String| name == "any" || own.contains(name);
             let covers = others.iter().all(|own| origin.columns.iter().any(|c| c == *own || c == "any"));
-            let directed = origin.directions.is_empty()
-                || origin.directions.iter().any(|name| direction.trim_start_matches("Wide") == name);
+            let directed = origin.directions.is_empty() || origin.directions.contains(&direction);
             let lawful = origin.laws.is_empty() || laws.iter().any(|law| origin.laws.contains(law));
             if !origin.columns.iter().all(known) || !covers || !directed {
                 return None;
