@@ -276,10 +276,25 @@ impl Halves {
 
     /// Judges a form: `predicted` is what the other half says it adds to each row of the table, in the table's unit;
     /// `columns` are those it was fitted with, for the weights.
+    ///
+    /// The proof has to hold with the correlation of groups that was told, and with the likeliest one where that is larger:
+    /// the larger p-value counts. With too small a correlation a form that follows the wandering in one half agrees with the
+    /// other. With too large a one the other half's errors, which the form was fitted to, come in with the opposite sign.
     pub fn prove(&self, predicted: &[f64], columns: &[Vec<f64>], seed: u64) -> Proof {
         let weights = [&self.search, &self.judge].map(|half| half.weights(&half.cut(columns)));
-        let rho = self.wander(columns);
-        let whiten = |column: &[f64]| self.conditioned(&weights, rho, column);
+        let told = self.whole.data.wander;
+        let proof = self.prove_under(&weights, told, predicted, seed);
+        let likeliest = self.likeliest_wander(columns);
+        if likeliest <= told {
+            return proof;
+        }
+        let under = self.prove_under(&weights, likeliest, predicted, seed);
+        Proof { p_value: proof.p_value.max(under.p_value), ..proof }
+    }
+
+    /// The proof under a correlation of groups that follow each other.
+    fn prove_under(&self, weights: &[Weights; 2], rho: f64, predicted: &[f64], seed: u64) -> Proof {
+        let whiten = |column: &[f64]| self.conditioned(weights, rho, column);
         let mut basis = Basis::default();
         if let Some(field) = self.whole.data.field() {
             for (column, _) in field.columns(1.0) {
@@ -356,16 +371,15 @@ impl Halves {
         group_levels(data)
     }
 
-    /// Correlation of groups that follow each other, as a form of these columns is judged: the likeliest beside the form,
-    /// also where it cannot be told from none. A form that follows the wandering in one half would agree with the other.
-    fn wander(&self, columns: &[Vec<f64>]) -> f64 {
+    /// The likeliest correlation of groups that follow each other, beside a form of these columns.
+    fn likeliest_wander(&self, columns: &[Vec<f64>]) -> f64 {
         let Rows { data, base, .. } = &self.whole;
         if !data.jitters {
-            return data.wander;
+            return 0.0;
         }
         let all: Vec<Vec<f64>> = base.iter().chain(columns).cloned().collect();
         let fit = robust_fit(data, &all);
-        likeliest(data, &fit.residual, &fit.weights).max(data.wander)
+        likeliest(data, &fit.residual, &fit.weights)
     }
 
     /// A column over all rows as the judging half sees it: whitened, and without what the other half's levels predict where
