@@ -5,18 +5,28 @@
 mod common;
 
 use common::{Campaign, setup};
-use retina_diagnosis::Halves;
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution as _, StandardNormal};
+use retina_diagnosis::{Dataset, Halves};
 
-/// Exposures that scatter and do not follow each other: their correlation is estimated, and half of the estimates are too
-/// large. The best of 24 waves in time, shifts along one axis, is fitted to half of the exposures.
+/// Exposures scatter and do not follow each other. The likeliest correlation is often too large, and would
+/// bring the errors that the form was fitted to into the proof. The form is the best of 200: the same shift along one axis,
+/// drawn for each exposure.
 #[test]
-fn the_best_wave_in_the_scatter_of_exposures_is_seldom_proven() {
+fn the_best_shift_in_the_scatter_of_exposures_is_seldom_proven() {
     let setup = setup();
-    let proven = (0..120u64)
+    let drawn: Vec<Vec<f64>> = (0..200)
+        .map(|seed| {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            (0..24).map(|_| StandardNormal.sample(&mut random)).collect()
+        })
+        .collect();
+    let proven = (0..1000u64)
         .filter(|seed| {
             let campaign = Campaign {
-                rows: 360,
-                exposures: 36,
+                rows: 96,
+                exposures: 24,
                 noise_arcsec: 0.5,
                 jitter_arcsec: 2.0,
                 outliers: 0.0,
@@ -24,21 +34,19 @@ fn the_best_wave_in_the_scatter_of_exposures_is_seldom_proven() {
             };
             let data = campaign.data(&setup, &|p| p.r);
             let halves = Halves::new(&data, &[]).unwrap();
-            let all = &halves.whole().covariate("time_s").unwrap().values;
-            let own = &halves.searched().covariate("time_s").unwrap().values;
-            let wave = |times: &[f64], k: usize| -> Vec<f64> {
-                let phase = std::f64::consts::FRAC_PI_2 * (k % 2) as f64;
-                let of =
-                    |t: &f64| (0.5 * std::f64::consts::TAU * (1 + k / 4) as f64 * t / 3240.0 + phase).sin();
-                times.iter().flat_map(|t| if k % 4 < 2 { [of(t), 0.0] } else { [0.0, of(t)] }).collect()
+            let shift = |data: &Dataset, k: usize| -> Vec<f64> {
+                let times = &data.covariate("time_s").unwrap().values;
+                let of = |t: &f64| drawn[k][(t / 90.0).round() as usize];
+                times.iter().flat_map(|t| if k % 2 == 0 { [of(t), 0.0] } else { [0.0, of(t)] }).collect()
             };
             let left = halves.search(&[]);
-            let score = |k: usize| left.scores(&[vec![wave(own, k)]])[0].statistic;
-            let best = (0..24).max_by(|&a, &b| score(a).total_cmp(&score(b))).unwrap();
-            halves.prove_columns(&[wave(all, best)], 1).p_value <= 0.05
+            let score = |k: usize| left.scores(&[vec![shift(halves.searched(), k)]])[0].statistic;
+            let best = (0..200).max_by(|&a, &b| score(a).total_cmp(&score(b))).unwrap();
+            halves.prove_columns(&[shift(halves.whole(), best)], 1).p_value <= 0.05
         })
         .count();
-    println!("{proven} of 120");
-    // Six are expected; the binomial's 99.9 % are 15.
-    assert!(proven <= 15, "{proven} of 120");
+    println!("{proven} of 1000");
+    // Fifty are expected. Some more are found: in a fifth of such tables a correlation is told that is not there. With the
+    // likeliest correlation alone there are 85.
+    assert!(proven <= 70, "{proven} of 1000");
 }
