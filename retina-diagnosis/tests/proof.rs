@@ -1,4 +1,4 @@
-//! A form that is the best of many in noise is proven no more often than the level says.
+//! How often a form that is the best of many in noise is proven.
 
 #![allow(clippy::unwrap_used, reason = "a test may fail")]
 
