@@ -37,7 +37,10 @@ fn the_best_shift_in_the_scatter_of_exposures_is_seldom_proven() {
             let shift = |data: &Dataset, k: usize| -> Vec<f64> {
                 let times = &data.covariate("time_s").unwrap().values;
                 let of = |t: &f64| drawn[k][(t / 90.0).round() as usize];
-                times.iter().flat_map(|t| if k.is_multiple_of(2) { [of(t), 0.0] } else { [0.0, of(t)] }).collect()
+                times
+                    .iter()
+                    .flat_map(|t| if k.is_multiple_of(2) { [of(t), 0.0] } else { [0.0, of(t)] })
+                    .collect()
             };
             let left = halves.search(&[]);
             let score = |k: usize| left.scores(&[vec![shift(halves.searched(), k)]])[0].statistic;
