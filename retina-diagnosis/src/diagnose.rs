@@ -131,7 +131,7 @@ pub fn diagnose(data: &Dataset, added: &[AddedEffect], options: &DiagnoseOptions
     for _ in 0..MOST_SEARCHES {
         let effects = accounts.effects.iter().map(|(effect, own)| (*effect, own.as_slice()));
         let Some(mut next) = retraced(about.as_ref().unwrap_or(data), effects) else { break };
-        if next.found_coma.is_some() {
+        if next.found_coma.is_some() || next.found_gamma.is_some() {
             // Ids of the catalogue: each of them reads.
             let accepted = found.accepted.iter().filter_map(|id| AddedEffect::read(id, data).ok());
             let model: Vec<AddedEffect> = added.iter().cloned().chain(accepted).collect();

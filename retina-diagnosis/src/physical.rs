@@ -218,7 +218,7 @@ fn of_points(
         E::BackgroundGradient => {
             let along = Along::of(parameters, 1.0)?;
             let remedy =
-                format!("shield stray light or subtract a background; the faintest move by {}", along.text("arcsec"));
+                format!("shield stray light or subtract a background; against bright ones the faintest move by {}", along.text("arcsec"));
             made("shift_of_the_faintest", along.size(), "arcsec", remedy)
         }
         E::FluxComa => made(
@@ -287,15 +287,9 @@ fn of_power(data: &Dataset, effect: PowerEffect, parameters: &[Parameter]) -> Op
         E::AttenuatorNotChanged => {
             let number = parameters.iter().find(|p| p.name.ends_with("series_number"))?.value as usize;
             let name = data.groups.get(number).map_or("?", |group| group.name.as_str());
-            made(
-                "factor",
-                1.0,
-                "",
-                format!(
-                    "divide series `{name}` by {:.4}: a range or filter was recorded wrongly",
-                    1.0 + first.value
-                ),
-            )
+            let value = 1.0 + first.value;
+            let remedy = format!("divide series `{name}` by {value:.4}: a range or filter was recorded wrongly");
+            Some(Physical { called: None, parameter: "factor", value, unit: "", sigma, remedy })
         }
         E::SelfHeating | E::Ageing => made(
             "loss",

@@ -1,16 +1,19 @@
-//! Forms made anew about what was found: a display that stands far from where it should, and a strong coma.
+//! Forms made anew about what was found: a display that stands far from where it should, a strong coma, and another
+//! exponent of the display.
 //!
 //! Forms are those of a small change, or of the nearest one that was traced. What a larger one does is not in proportion
 //! to it, so it would look like further effects. Once the display's tilt and bow are known, their forms are made anew: what
 //! the whole depth does, over the depth, which is right for the amplitudes they were made with, and to second order for
-//! those that are fitted then. With a coma that is known, the lenses are traced anew.
+//! those that are fitted then. With a coma that is known, the lenses are traced anew. The display's exponent is one of a
+//! power, and its form about the exponent that was found is the power itself.
 
-use retina_formats::{EffectId, PointsEffect};
+use retina_formats::{EffectId, PointsEffect, PowerEffect};
 use retina_geometry::ComaForm;
 
 use crate::added::{AddedEffect, Adjusted};
 use crate::catalogue::depth_mm;
-use crate::data::{Dataset, DisplayDepth};
+use crate::data::{Dataset, DisplayDepth, FoundGamma};
+use crate::series::median;
 use crate::estimate::{Parameter, estimate};
 use crate::noise::robust_fit;
 
@@ -22,6 +25,9 @@ const DEEP_MM: f64 = 0.02;
 const TRACED_MM: [f64; 2] = [5e-5, 3e-3];
 /// Part of a coma by which it may change without another trace.
 const SETTLED: f64 = 0.01;
+/// Exponents below this do what their logarithm says. One that changes by less than a part of itself is known.
+const BENT: f64 = 0.005;
+const SETTLED_EXPONENT: f64 = 1e-3;
 
 /// An effect with its parameters.
 type Found<'a> = (EffectId, &'a [Parameter]);
@@ -30,9 +36,11 @@ type Found<'a> = (EffectId, &'a [Parameter]);
 pub(crate) fn retraced<'a>(data: &Dataset, effects: impl Iterator<Item = Found<'a>>) -> Option<Dataset> {
     let effects: Vec<Found<'_>> = effects.collect();
     let (depth, coma) = (found_depth(data, &effects), found_coma(data, &effects));
-    (depth.is_some() || coma.is_some()).then(|| Dataset {
+    let gamma = found_gamma(data, &effects);
+    (depth.is_some() || coma.is_some() || gamma.is_some()).then(|| Dataset {
         display_depth: depth.unwrap_or(data.display_depth),
         found_coma: coma.or(data.found_coma),
+        found_gamma: gamma.or(data.found_gamma),
         ..data.clone()
     })
 }
@@ -74,13 +82,37 @@ fn found_coma(data: &Dataset, effects: &[Found<'_>]) -> Option<ComaForm> {
     (!settled && (least..=most).contains(&coma_mm.abs())).then(|| tracer.coma_form(coma_mm)).flatten()
 }
 
+/// The display's exponent, less the setup's, if it is another one than before.
+fn found_gamma(data: &Dataset, effects: &[Found<'_>]) -> Option<FoundGamma> {
+    let of_gamma = |(effect, _): &&Found<'_>| matches!(effect, EffectId::Power(PowerEffect::Gamma));
+    let (_, parameters) = effects.iter().find(of_gamma)?;
+    let exponent = value(parameters, "exponent")?;
+    let settled =
+        data.found_gamma.is_some_and(|known| (exponent / known.exponent - 1.0).abs() < SETTLED_EXPONENT);
+    if settled || exponent.abs() < BENT {
+        return None;
+    }
+    // The gain by the brightest half of the readings, where the exponent counts least.
+    let (level, lit) = (data.values("level"), data.values("lit"));
+    let middle = median(&level.iter().zip(lit).filter(|(_, lit)| **lit > 0.0).map(|(l, _)| *l).collect::<Vec<_>>());
+    let bright = (0..data.len()).filter(|&i| lit[i] > 0.0 && level[i] >= middle);
+    let gains: Vec<f64> =
+        bright.map(|i| (1.0 + data.y[i * data.components()]) / level[i].powf(exponent)).collect();
+    let gain = median(&gains);
+    (gain > 0.0).then_some(FoundGamma { exponent, gain })
+}
+
 /// The same by what a first fit of added effects says.
 pub(crate) fn retraced_by_added(data: &Dataset, added: &[AddedEffect], first: &Adjusted) -> Option<Dataset> {
     use PointsEffect as E;
     let traced = |effect: &AddedEffect| {
-        matches!(effect.id(), Some(EffectId::Points(E::ScreenTilt | E::ScreenBow | E::FluxComa)))
+        match effect.id() {
+            Some(EffectId::Points(E::ScreenTilt | E::ScreenBow | E::FluxComa)) => data.display.is_some(),
+            Some(EffectId::Power(PowerEffect::Gamma)) => true,
+            _ => false,
+        }
     };
-    if data.display.is_none() || !added.iter().any(traced) {
+    if !added.iter().any(traced) {
         return None;
     }
     let fit = robust_fit(&first.data, &first.base);

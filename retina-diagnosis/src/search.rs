@@ -352,7 +352,7 @@ fn rank(
 }
 
 /// p-values by the groups' levels, of the few effects that promise most on what is left out. Where flips do not tell an
-/// effect they may; where flips take a wandering of very few groups for an effect of whole groups, they have to agree.
+/// effect they may; where flips may take a wandering of few groups for an effect of whole groups, they have to agree.
 fn ask_levels(
     frame: &Frame<'_>,
     base: &[Vec<f64>],
@@ -361,11 +361,12 @@ fn ask_levels(
     forms: usize,
 ) {
     let before = frame.held_out(&[]);
-    let very_few = frame.data.groups.len() <= VERY_FEW_GROUPS;
+    // Of some dozen groups nobody knows how closely they follow each other.
+    let unsure = frame.data.groups.len() <= VERY_FEW_GROUPS || frame.data.wander > 0.0;
     let promising = ranking.iter_mut().filter(|r| before.beaten_by(&r.held_out) > PROMISING).take(MOST_ASKED);
     promising.par_bridge().for_each(|r| {
         let columns = &prepared[r.index].columns[r.variant];
-        let doubted = very_few && columns.len() == steady_columns(frame.data, columns);
+        let doubted = unsure && columns.len() == steady_columns(frame.data, columns);
         if r.p_value <= LEVEL_LATER[0] && !doubted {
             return;
         }

@@ -30,7 +30,7 @@ impl Default for Options {
 }
 
 /// Level at which a formula is taken for proven, and a known effect for holding in the half that judges.
-const LEVEL: f64 = 0.01;
+pub(crate) const LEVEL: f64 = 0.01;
 /// Families that are judged beside the first.
 const JUDGED: usize = 12;
 /// Level at which another form may take the place of the one that the search chose.

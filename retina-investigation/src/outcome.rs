@@ -1,5 +1,6 @@
 //! What an investigation says.
 
+use crate::investigate::LEVEL;
 use retina_diagnosis::{AddedEffect, Fit, Noise, Proof};
 
 use crate::words::Words;
@@ -55,6 +56,13 @@ pub struct Unproven {
     pub covariates: Vec<String>,
     /// What the other half said.
     pub proof: Proof,
+}
+
+impl Unproven {
+    /// Whether it holds on the other half, and is left out for its size alone.
+    pub fn holds_but_is_weak(&self) -> bool {
+        self.proof.p_value <= LEVEL
+    }
 }
 
 /// A known effect that holds beside the formulas, and may be only what their laws lack. It is not in the model.

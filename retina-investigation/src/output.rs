@@ -14,7 +14,14 @@ pub(crate) fn verdict(result: &Investigation) -> &'static str {
 /// What was found, in a sentence.
 pub(crate) fn headline(result: &Investigation) -> String {
     let Some(first) = result.terms.first() else {
-        return "No formula for what is left holds on data that the search has not seen.".to_owned();
+        return match &result.unproven {
+            Some(form) if form.holds_but_is_weak() => format!(
+                "A formula of {} holds on data that the search has not seen, but it is too weak to be worth a place in the model: {} of the noise.",
+                form.covariates.join(", "),
+                short(form.proof.strength)
+            ),
+            _ => "No formula for what is left holds on data that the search has not seen.".to_owned(),
+        };
     };
     let more = match result.terms.len() {
         1 => String::new(),
@@ -83,8 +90,9 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
     out.extend(result.known_weak.iter().map(weak_text));
     if let Some(unproven) = &result.unproven {
         out.push(format!(
-            "looked for {} and not confirmed, the best form of {}: {}",
+            "looked for {} and {}, the best form of {}: {}",
             if result.terms.is_empty() { "a formula" } else { "one more" },
+            if unproven.holds_but_is_weak() { "left out as too weak" } else { "not confirmed" },
             unproven.covariates.join(", "),
             proof_text(&unproven.proof)
         ));

@@ -24,7 +24,8 @@ pub fn investigation_page(data: &Dataset, result: &Investigation) -> Page {
     told.extend(result.known_weak.iter().map(weak_text));
     if let Some(unproven) = &result.unproven {
         told.push(format!(
-            "Looked for and not confirmed, the best form of {}: {}.",
+            "Looked for and {}, the best form of {}: {}.",
+            if unproven.holds_but_is_weak() { "left out as too weak" } else { "not confirmed" },
             unproven.covariates.join(", "),
             proof_text(&unproven.proof)
         ));

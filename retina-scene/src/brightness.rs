@@ -132,6 +132,7 @@ impl Look<'_> {
         let (columns, rows) = ((high.x - low.x) as usize + 1, (high.y - low.y) as usize + 1);
         let mut sums = vec![[0f32; 2]; columns * rows];
         self.each_lit(frame, facets, |radiance, sight, covered_sr| {
+            let sight = sight.clamp(self.field.low, self.field.high);
             let at = image.pixel(sight) - low;
             let covered_px = covered_sr / image.boresight_pixel_sr();
             if let Some(sum) = sums.get_mut(at.y as usize * columns + at.x as usize) {
@@ -162,7 +163,9 @@ impl Look<'_> {
                 }
                 let in_camera: DVec3 = at.camera_from_body * position_m + at.position_camera_m;
                 let sight = DVec2::new(in_camera.x, in_camera.y) / in_camera.z;
-                if in_camera.z <= 0.0 || !self.field.shows(sight) {
+                // A triangle that is larger than the field may be seen though its centre is not.
+                let reach = 0.5 * facet.area_m2.length().sqrt() as f64 / in_camera.z;
+                if in_camera.z <= 0.0 || !self.field.within(sight, reach) {
                     continue;
                 }
                 let phase_rad = to_camera.dot(to_sun).clamp(-1.0, 1.0).acos();

@@ -34,7 +34,12 @@ impl Field {
 
     /// Whether a line of sight is within the bounds.
     pub(crate) fn shows(&self, sight: DVec2) -> bool {
-        sight.cmpge(self.low).all() && sight.cmple(self.high).all()
+        self.within(sight, 0.0)
+    }
+
+    /// Whether it is within the bounds or so little beyond, as a tangent.
+    pub(crate) fn within(&self, sight: DVec2, reach: f64) -> bool {
+        sight.cmpge(self.low - reach).all() && sight.cmple(self.high + reach).all()
     }
 
     /// The largest angle from the boresight, rad.

@@ -93,6 +93,12 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
         report.area_ratio,
         report.bytes,
     );
+    if report.min_height_m > 0.0 || report.max_height_m < 0.0 {
+        tell!(
+            "warning: all of the relief lies {} the radius: is a height of --offset-m missing, that of a sample of 0?",
+            if report.min_height_m > 0.0 { "above" } else { "below" }
+        );
+    }
     if arguments.json {
         print_json(&json!({
             "schema": "retina.body/1",

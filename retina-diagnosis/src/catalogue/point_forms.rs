@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DMat2, DVec2};
 use retina_formats::Channel;
 
-use crate::data::{Dataset, Term};
+use crate::data::{Dataset, Term, longer_focal};
 use crate::field::Held;
 
 use super::{Variant, lagged, need, plain, step_times, to_unit};
@@ -197,10 +197,15 @@ pub(super) fn lags(data: &Dataset) -> Result<Vec<(f64, Vec<f64>)>, String> {
 
 pub(super) fn thermal(data: &Dataset, focal: bool) -> Result<Vec<Variant<'_>>, String> {
     let forms = lags(data)?;
+    let lens = data.lens.as_ref().filter(|_| focal).map(|lens| Arc::new(longer_focal(data, lens)));
     let columns = |k: usize, suffix: &str| {
         let values = forms[k].1.clone();
         if focal {
-            vec![radial_term(data, format!("a{suffix}_arcsec_per_k"), 0, Some(values))]
+            let name = format!("a{suffix}_arcsec_per_k");
+            vec![match lens.clone() {
+                None => radial_term(data, name, 0, Some(values)),
+                Some(outwards) => Term::new(name, move |i| outwards[i].map(|along| along * values[i])),
+            }]
         } else {
             pair(values, &format!("{suffix}_per_k"))
         }

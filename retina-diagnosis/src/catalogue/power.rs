@@ -2,7 +2,7 @@
 
 use retina_formats::{Channel, PowerEffect};
 
-use crate::data::{Dataset, Term};
+use crate::data::{Dataset, FoundGamma, Term};
 use crate::series::median;
 
 use super::{Entry, Variant, need, plain, to_unit};
@@ -112,11 +112,24 @@ fn lit(data: &Dataset, value: impl Fn(usize) -> f64) -> Vec<f64> {
 fn gamma(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
     need(data, "digital_count")?;
     let level = data.values("level");
-    Ok(vec![Variant {
-        shape: Vec::new(),
-        leading: vec![term("exponent", lit(data, |i| level[i].ln()))],
-        further: vec![term("exponent2", lit(data, |i| level[i].ln().powi(2)))],
-    }])
+    let (leading, further) = match data.found_gamma {
+        None => (
+            term("exponent", lit(data, |i| level[i].ln())),
+            term("exponent2", lit(data, |i| level[i].ln().powi(2))),
+        ),
+        // About an exponent a that was found, with L = B / 255 and the gain k: k (L^a - 1) is in proportion to a, and what
+        // a little more of the exponent adds beyond that is the further term. The gain and the exponent are a product,
+        // which no sum of theirs is.
+        Some(FoundGamma { exponent: a, gain }) => {
+            let whole = move |level: f64| gain * (level.powf(a) - 1.0) / a;
+            let more = move |level: f64| gain * level.powf(a) * level.ln() - whole(level);
+            (
+                term("exponent", lit(data, |i| whole(level[i]))),
+                term("exponent_more", lit(data, |i| more(level[i]))),
+            )
+        }
+    };
+    Ok(vec![Variant { shape: Vec::new(), leading: vec![leading], further: vec![further] }])
 }
 
 fn black_level(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use glam::DVec2;
 use retina_files::InputError;
 use retina_formats::{PointRow, PointsTable};
 
@@ -73,7 +74,10 @@ pub(super) fn exposures(table: &PointsTable) -> (Exposures, usize) {
 const BY_CHANCE: usize = 10;
 const FEWEST_POINTS: usize = 3;
 
-/// A camera coordinate that is the same everywhere was not measured.
+/// A line of points on the screen is seen as a line, bent by less than this part of its length.
+const BENT: f64 = 0.1;
+
+/// A camera coordinate that is the same everywhere was not measured. Nor was a screen coordinate, unless the camera sees a line.
 pub(super) fn refuse_constant(table: &PointsTable) -> Result<(), InputError> {
     let Some(first) = table.rows.first() else { return Ok(()) };
     let constant = |of: &dyn Fn(&PointRow) -> f64| table.rows.iter().all(|row| of(row) == of(first));
@@ -88,7 +92,30 @@ pub(super) fn refuse_constant(table: &PointsTable) -> Result<(), InputError> {
                 .help("look at what wrote the table: a column was filled with one value"));
         }
     }
+    for (axis, column) in ["screen_x_px", "screen_y_px"].into_iter().enumerate() {
+        let own = table.rows.iter().filter(|row| row.image == first.image);
+        let seen: Vec<DVec2> = own.map(|row| row.camera_px).collect();
+        if constant(&|row| row.screen_px[axis]) && seen.len() >= BY_CHANCE && width_of_line(&seen) > BENT {
+            return Err(InputError::new(first_file(&table.files), "a coordinate is the same in all rows")
+                .at(format!("column `{column}`"))
+                .found(format!("{} in all {} rows", first.screen_px[axis], table.rows.len()))
+                .expected("points that lie in a line in the camera as well, or places that differ")
+                .help("look at what wrote the table: a column was filled with one value"));
+        }
+    }
     Ok(())
+}
+
+/// How wide points lie across the direction in which they lie longest, over that length (standard deviations).
+fn width_of_line(points: &[DVec2]) -> f64 {
+    let mean = points.iter().sum::<DVec2>() / points.len() as f64;
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for point in points {
+        let d = *point - mean;
+        (xx, xy, yy) = (xx + d.x * d.x, xy + d.x * d.y, yy + d.y * d.y);
+    }
+    let (middle, off) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+    if middle + off > 0.0 { ((middle - off).max(0.0) / (middle + off)).sqrt() } else { 0.0 }
 }
 
 /// Leaves out exposures in which every point is where another exposure has it, to the last digit: they are copies, and

@@ -175,6 +175,7 @@ impl Dataset {
             display_depth: DisplayDepth::default(),
             tracer: None,
             found_coma: None,
+            found_gamma: None,
             screen_pixel_arcsec: 0.0,
             frame: pixels.measured.iter().map(|m| in_table(*m)).collect(),
             baseline: Baseline::Physical,

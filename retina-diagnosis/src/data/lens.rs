@@ -434,12 +434,10 @@ pub fn lens_of_fit(data: &Dataset, fit: &crate::fit::Fit) -> Option<Lens> {
     Some(lens)
 }
 
-/// A column for each parameter, arcsec per its unit.
-pub(super) fn baseline<'a>(data: &Dataset, fitted: &FittedLens) -> Vec<Term<'a>> {
-    let mountings = data.roll_rad.len();
+/// Where each row is by the model, and arcsec per px there; `None` of a row that has no image.
+fn places(data: &Dataset, fitted: &FittedLens) -> Vec<Option<(DMat2, Place)>> {
     let (x, y) = (data.values("x"), data.values("y"));
-    let model = fitted.lens.model;
-    let places: Vec<Option<(DMat2, Place)>> = (0..data.len())
+    (0..data.len())
         .into_par_iter()
         .map(|row| {
             let m = data.mounting[row];
@@ -449,7 +447,27 @@ pub(super) fn baseline<'a>(data: &Dataset, fitted: &FittedLens) -> Vec<Term<'a>>
             let place = fitted.place(DVec2::new(x[row], y[row]) * data.half_tan, angles).ok()?;
             Some((place.by_direction.inverse() * ARCSEC_PER_RAD, place))
         })
-        .collect();
+        .collect()
+}
+
+/// What a lens of a longer focal length does, in arcsec where a pinhole's image at half the camera's width would move by
+/// one: image points go outwards in proportion to their own distance from the principal point, which is not the tangent.
+pub(crate) fn longer_focal(data: &Dataset, fitted: &FittedLens) -> Vec<[f64; 2]> {
+    let per_half_width = 1.0 / (ARCSEC_PER_RAD * data.half_tan);
+    let of = |place: Option<(DMat2, Place)>| {
+        let (arcsec_per_px, place) = place?;
+        let [fx, fy] = fitted.lens.focal_px.to_array();
+        let px = place.by_parameter[0] * fx + place.by_parameter[1] * fy;
+        Some((arcsec_per_px * px * per_half_width).to_array())
+    };
+    places(data, fitted).into_iter().map(|place| of(place).unwrap_or_default()).collect()
+}
+
+/// A column for each parameter, arcsec per its unit.
+pub(super) fn baseline<'a>(data: &Dataset, fitted: &FittedLens) -> Vec<Term<'a>> {
+    let mountings = data.roll_rad.len();
+    let model = fitted.lens.model;
+    let places = places(data, fitted);
     entries(model, mountings)
         .zip(names(model, mountings))
         .map(|(at, (name, unit))| {

@@ -17,6 +17,7 @@ use std::sync::{Arc, OnceLock};
 pub(crate) use frames::term as pixel_term;
 pub use frames::{MOST_PIXELS, Measure, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels, Placement};
 use glam::DMat2;
+pub(crate) use lens::longer_focal;
 pub use lens::{FittedLens, lens_of_fit};
 pub(crate) use phase::lambert_magnitude;
 pub use read::{Baseline, Source};
@@ -144,6 +145,8 @@ pub struct Dataset {
     pub(crate) tracer: Option<Arc<dyn ComaTracer>>,
     /// That coma's form, which is then the only one.
     pub(crate) found_coma: Option<ComaForm>,
+    /// A display's exponent that was found, about which its form is made (power).
+    pub(crate) found_gamma: Option<FoundGamma>,
     /// One pixel of the screen in arcsec (points).
     pub(crate) screen_pixel_arcsec: f64,
     /// Fixed part of the model plus y, in the table's own units: what is needed to write predictions.
@@ -169,6 +172,13 @@ pub struct Dataset {
 pub(crate) struct DisplayDepth {
     pub(crate) tilt: [f64; 2],
     pub(crate) bow: [f64; 2],
+}
+
+/// Readings are gain (B / 255)^exponent times the nominal ones.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct FoundGamma {
+    pub(crate) exponent: f64,
+    pub(crate) gain: f64,
 }
 
 /// How a row's residual goes back to the table's own units.

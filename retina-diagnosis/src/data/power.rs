@@ -151,6 +151,7 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
         display_depth: DisplayDepth::default(),
         tracer: None,
         found_coma: None,
+        found_gamma: None,
         screen_pixel_arcsec: 0.0,
         frame: (0..rows)
             .map(|i| RowFrame { measured: [measured[i], 0.0], to_table: [[scale[i], 0.0], [0.0, 0.0]] })

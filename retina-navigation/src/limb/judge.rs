@@ -6,6 +6,7 @@ use retina_geometry::{LimbEllipse, limb_ellipse};
 use super::coarse::Coarse;
 use super::fit::Fit;
 use super::lit::Lit;
+use super::shading::Shading;
 use super::solve::Measurement;
 use super::wave::wave;
 use super::{LimbBody, LimbCamera, LimbCovariance, LimbOptions, LimbPoint, LimbSolution, Refusal};
@@ -122,10 +123,12 @@ pub(super) fn judge(
         (DVec3::X - along * along.x) * metres_per_px,
         (DVec3::Y - along * along.y) * metres_per_px,
     );
+    let crescent = moves * Shading::of_crescent(lit, last.blur_px);
     let parts = LimbCovariance {
         points_m2: fit.covariance_m2 * correlation_factor,
         height_m2: by_height(options.limb_height_sigma_m),
-        edge_model_m2: by_height(edge_model_px * metres_per_px),
+        edge_model_m2: by_height(edge_model_px * metres_per_px)
+            + DMat3::from_cols(crescent * crescent.x, crescent * crescent.y, crescent * crescent.z),
         side_m2: moves * DMat3::from_mat4(last.open_px2) * moves.transpose(),
     };
     let covariance_m2 = parts.sum_m2();

@@ -10,7 +10,7 @@ use super::Checked;
 use super::toml_file::lenses;
 
 /// Documents that RETINA writes, and what they are.
-const DOCUMENTS: [(&str, &str); 26] = [
+const DOCUMENTS: [(&str, &str); 27] = [
     ("retina.batch/1", "record of a folder of frames"),
     ("retina.manifest/1", "manifest of frames"),
     ("retina.truth/1", "truth of a frame"),
@@ -37,6 +37,7 @@ const DOCUMENTS: [(&str, &str); 26] = [
     ("retina.full-disk-result/1", "result of the full-disk experiment"),
     ("retina.flashes-result/1", "result of the flash experiment"),
     ("retina.optics/1", "result of an optical analysis"),
+    ("retina.optics-search-state/2", "state of a search for lenses, to go on from"),
 ];
 
 /// Keys without which a document of a schema is none.
