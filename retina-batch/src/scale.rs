@@ -7,8 +7,9 @@ use crate::picture::Picture;
 use crate::source::FrameSource;
 use crate::{BatchError, ImagePlan};
 
-/// Frames rendered for an automatic radiance scale.
+/// Frames rendered for an automatic radiance scale: so many that promise most, and all of a short sequence.
 const SCALE_FRAMES: usize = 3;
+const SHORT_SEQUENCE: usize = 8;
 
 /// The frames that may hold the sequence's brightest pixel; none where there is no body. The scene's meshes must still
 /// be there.
@@ -16,7 +17,11 @@ const SCALE_FRAMES: usize = 3;
 /// # Errors
 /// A frame's geometry does not fit.
 pub(crate) fn brightest_candidates(scene: &Scene) -> Result<Vec<usize>, InputError> {
-    if scene.bodies.is_empty() { Ok(Vec::new()) } else { scene.brightest_frames(SCALE_FRAMES) }
+    if scene.bodies.is_empty() {
+        return Ok(Vec::new());
+    }
+    let frames = scene.frame_count();
+    scene.brightest_frames(if frames <= SHORT_SEQUENCE { frames } else { SCALE_FRAMES })
 }
 
 /// The scale at which the brightest pixel of the whole sequence shows just below saturation.

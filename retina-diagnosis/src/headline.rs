@@ -4,9 +4,15 @@ use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
 use crate::verdict::Verdict;
 
-/// What to do with an unknown effect.
-pub(crate) const INVESTIGATE: &str =
-    "look for a formula of what is left: retina investigate with the same tables";
+/// What to do first where something is unknown: an effect of the catalogue that was found beside it may be a part of it.
+pub(crate) fn investigate_first(result: &Diagnosis) -> Option<&'static str> {
+    (result.verdict == Verdict::Unknown).then_some(match result.accepted.as_slice() {
+        [] => "look for a formula of what is left: retina investigate with the same tables",
+        _ => {
+            "first look for a formula of what is left: retina investigate with the same tables. An effect that is found beside something unknown may be only what resembles it"
+        }
+    })
+}
 
 /// Amplitudes of ripples are told at the first wavelength from this on, px of the screen, and px of the image.
 const WAVELENGTH_PX: f64 = 200.0;

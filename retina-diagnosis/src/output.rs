@@ -14,7 +14,7 @@ use crate::decode::Decoded;
 use crate::diagnose::Diagnosis;
 use crate::estimate::{Implausible, Parameter};
 use crate::fit::Fit;
-use crate::headline::{INVESTIGATE, headline};
+use crate::headline::{headline, investigate_first};
 use crate::scatter::Noise;
 use crate::step::Step;
 use crate::verdict::{Verdict, too_many_outliers};
@@ -214,6 +214,7 @@ pub fn compare_text(data: &Dataset, result: &Comparison) -> Vec<String> {
 pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
     let unit = data.kind.unit();
     let mut out = vec![headline(data, result), format!("verdict: {}", result.verdict.name())];
+    out.extend(investigate_first(result).map(str::to_owned));
     for (own, physical) in result.accepted.iter().zip(&result.physical) {
         if let Some(p) = physical {
             let digits = decimals(p.sigma);
@@ -236,9 +237,6 @@ pub fn diagnose_text(data: &Dataset, result: &Diagnosis) -> Vec<String> {
             kept.p_value,
             kept.file.display()
         ));
-    }
-    if result.verdict == Verdict::Unknown {
-        out.push(INVESTIGATE.to_owned());
     }
     out.splice(0..0, warning_lines(data, result.outliers));
     out.extend(ladder_text(data, &result.steps, &result.noise, unit));

@@ -288,7 +288,8 @@ fn of_power(data: &Dataset, effect: PowerEffect, parameters: &[Parameter]) -> Op
             let number = parameters.iter().find(|p| p.name.ends_with("series_number"))?.value as usize;
             let name = data.groups.get(number).map_or("?", |group| group.name.as_str());
             let value = 1.0 + first.value;
-            let remedy = format!("divide series `{name}` by {value:.4}: a range or filter was recorded wrongly");
+            let remedy =
+                format!("divide series `{name}` by {value:.4}: a range or filter was recorded wrongly");
             Some(Physical { called: None, parameter: "factor", value, unit: "", sigma, remedy })
         }
         E::SelfHeating | E::Ageing => made(

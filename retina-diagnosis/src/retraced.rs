@@ -13,9 +13,9 @@ use retina_geometry::ComaForm;
 use crate::added::{AddedEffect, Adjusted};
 use crate::catalogue::depth_mm;
 use crate::data::{Dataset, DisplayDepth, FoundGamma};
-use crate::series::median;
 use crate::estimate::{Parameter, estimate};
 use crate::noise::robust_fit;
+use crate::series::median;
 
 /// Depth within the camera's field from which on it counts, mm: a hundredth to a thirtieth of what it does is not in
 /// proportion to it.
@@ -94,7 +94,8 @@ fn found_gamma(data: &Dataset, effects: &[Found<'_>]) -> Option<FoundGamma> {
     }
     // The gain by the brightest half of the readings, where the exponent counts least.
     let (level, lit) = (data.values("level"), data.values("lit"));
-    let middle = median(&level.iter().zip(lit).filter(|(_, lit)| **lit > 0.0).map(|(l, _)| *l).collect::<Vec<_>>());
+    let middle =
+        median(&level.iter().zip(lit).filter(|(_, lit)| **lit > 0.0).map(|(l, _)| *l).collect::<Vec<_>>());
     let bright = (0..data.len()).filter(|&i| lit[i] > 0.0 && level[i] >= middle);
     let gains: Vec<f64> =
         bright.map(|i| (1.0 + data.y[i * data.components()]) / level[i].powf(exponent)).collect();
@@ -105,12 +106,10 @@ fn found_gamma(data: &Dataset, effects: &[Found<'_>]) -> Option<FoundGamma> {
 /// The same by what a first fit of added effects says.
 pub(crate) fn retraced_by_added(data: &Dataset, added: &[AddedEffect], first: &Adjusted) -> Option<Dataset> {
     use PointsEffect as E;
-    let traced = |effect: &AddedEffect| {
-        match effect.id() {
-            Some(EffectId::Points(E::ScreenTilt | E::ScreenBow | E::FluxComa)) => data.display.is_some(),
-            Some(EffectId::Power(PowerEffect::Gamma)) => true,
-            _ => false,
-        }
+    let traced = |effect: &AddedEffect| match effect.id() {
+        Some(EffectId::Points(E::ScreenTilt | E::ScreenBow | E::FluxComa)) => data.display.is_some(),
+        Some(EffectId::Power(PowerEffect::Gamma)) => true,
+        _ => false,
     };
     if !added.iter().any(traced) {
         return None;

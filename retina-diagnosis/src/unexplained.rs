@@ -95,7 +95,8 @@ pub(crate) fn unexplained(
     } else if let Some(found) = shared.iter().find(|shared| of_all(shared.p_value) <= level && counts(shared))
     {
         covariates.extend(found.covariates.iter().cloned());
-        let same = |s: &&Shared| s.covariates == found.covariates && of_all(s.p_value) <= level && counts(s);
+        // Wide cells hold less of a pattern's strength; what is significant in them is shared all the same.
+        let same = |s: &&Shared| s.covariates == found.covariates && of_all(s.p_value) <= level;
         width_px = shared.iter().filter(same).filter_map(|s| s.width_px).reduce(f64::max);
     }
     let weak = shared

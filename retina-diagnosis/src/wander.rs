@@ -302,11 +302,14 @@ mod tests {
         let look = || Look::of(groups, smooth.clone(), (2..groups - 1).map(step));
         for (rho, follow) in [(0.0, 0.2), (0.4, 0.7), (0.7, 0.95), (0.9, 0.95)] {
             let (mut sum, mut told, look) = (0.0, 0, look());
-            let mut neighbours = Neighbours { look, axes: 2, found: Likelihoods { ln: [0.0; TRIED.len()], variance: [1.0; TRIED.len()] } };
+            let mut neighbours = Neighbours {
+                look,
+                axes: 2,
+                found: Likelihoods { ln: [0.0; TRIED.len()], variance: [1.0; TRIED.len()] },
+            };
             for seed in 0..100 {
                 let mut random = ChaCha8Rng::seed_from_u64(seed);
-                let drawn: Vec<Vec<f64>> =
-                    (0..2).map(|_| autoregression(&mut random, groups, rho)).collect();
+                let drawn: Vec<Vec<f64>> = (0..2).map(|_| autoregression(&mut random, groups, rho)).collect();
                 neighbours.found = neighbours.look.likelihoods(&drawn).unwrap();
                 sum += neighbours.likeliest() / 100.0;
                 told += usize::from(neighbours.follow());

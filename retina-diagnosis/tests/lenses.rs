@@ -265,6 +265,30 @@ fn an_effect_is_found_beside_a_lens() {
     assert!(missed <= most && alarms <= most, "{missed} {alarms}");
 }
 
+/// A focal length that grows by 300 ppm/K moves points in proportion to their radius in the image, whatever the lens.
+#[test]
+fn a_focal_length_that_follows_the_temperature_is_its_parts_per_million() {
+    for name in ["fisheye", "fisheye:equisolid", "rational"] {
+        let plain = Campaign { exposures: 40, ..PLAIN }.table(law(name));
+        let mut text = String::new();
+        for (row, line) in plain.lines().enumerate() {
+            let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+            let warm = ((row.max(1) - 1) / 60 % 7) as f64;
+            for (at, centre) in [(4, CENTRE_PX.x), (5, CENTRE_PX.y)].into_iter().filter(|_| row > 0) {
+                let px: f64 = cells[at].parse().unwrap();
+                cells[at] = (centre + (px - centre) * (1.0 + 300e-6 * warm)).to_string();
+            }
+            cells.push(if row == 0 { "temperature_c".to_owned() } else { (20.0 + warm).to_string() });
+            writeln!(text, "{}", cells.join(",")).unwrap();
+        }
+        let found = diagnose(&data(&text, name).unwrap(), &[], &DiagnoseOptions { flips: 499, seed: 1 });
+        assert_eq!((found.verdict, found.accepted), (Verdict::Named, vec!["thermal_focal"]), "{name}");
+        let own = found.physical[0].as_ref().unwrap();
+        let off = (own.value - 300.0).abs() / own.sigma;
+        assert!(off < 4.0 && own.sigma < 5.0, "{name}: {} +- {} ppm/K", own.value, own.sigma);
+    }
+}
+
 #[test]
 fn each_mounting_has_its_own_rotation() {
     let text = Campaign { rolls_deg: &[0.0, 90.0, 180.0], ..PLAIN }.table(law("fisheye:equisolid"));

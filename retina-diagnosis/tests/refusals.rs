@@ -84,11 +84,19 @@ fn rows_that_repeat_are_refused_with_their_lines() {
 }
 
 #[test]
-fn a_camera_coordinate_that_is_constant_is_refused() {
+fn a_coordinate_that_is_constant_is_refused() {
     let text = campaign(10).table(&setup(), &nothing);
     let told =
         format!("{:?}", read(&with_column(&text, "camera_y_px", |_| "411.25".to_owned())).unwrap_err());
     assert!(told.contains("the same in all rows") && told.contains("column `camera_y_px`"), "{told}");
+    let shown = |text: &str| with_column(text, "screen_x_px", |_| "960.5".to_owned());
+    let told = format!("{:?}", read(&shown(&text)).unwrap_err());
+    assert!(told.contains("the same in all rows") && told.contains("column `screen_x_px`"), "{told}");
+    // Points of one column of the screen, which the camera sees in a line.
+    let line = with_column(&shown(&text), "camera_x_px", |x| {
+        (1024.0 + 1e-3 * x.parse::<f64>().unwrap()).to_string()
+    });
+    assert!(read(&line).is_ok());
 }
 
 /// In other units, mirrored, halved, shown beside the screen: refused or said. A camera that is turned is none of these.

@@ -75,6 +75,25 @@ fn effects_on_power_are_named_or_in_the_set() {
     assert_eq!(diagnose(&data, &[], &DiagnoseOptions { flips: 999, seed: 1 }).verdict, Verdict::Adequate);
 }
 
+/// An exponent is one of a power beside a gain, which no sum of logarithms is.
+#[test]
+fn a_strong_exponent_is_right_within_its_sigma() {
+    let setup = setup();
+    for exponent in [-0.2, 0.1, 0.2] {
+        let data =
+            dataset(&setup, &power(21, &|light, _, count, _| light * (count / 255.0f64).powf(exponent)));
+        let fitted = fit(&data, &[AddedEffect::read("gamma", &data).unwrap()]).unwrap();
+        let own = fitted.parameters.iter().find(|p| p.name == "gamma.exponent").unwrap();
+        let found = diagnose(&data, &[], &DiagnoseOptions { flips: 499, seed: 1 });
+        assert_eq!((found.verdict, found.accepted), (Verdict::Named, vec!["gamma"]));
+        let physical = found.physical[0].as_ref().unwrap();
+        for (value, sigma) in [(own.value, own.sigma.unwrap()), (physical.value, physical.sigma)] {
+            let off = (value - exponent).abs() / sigma;
+            assert!(off < 3.5 && sigma < 1e-3, "{exponent}: {value} +- {sigma}");
+        }
+    }
+}
+
 /// The meter's noise in the dark is ten times the dimmest reading, and a 6000th of the brightest. Dim readings are no
 /// outliers, and effects are found as by a meter without that noise.
 #[test]

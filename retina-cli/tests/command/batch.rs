@@ -220,3 +220,26 @@ fn trajectories_about_a_body_are_generated() {
         common::assert_refused(&fixture.render("bad", &[]), &words);
     }
 }
+
+/// A cube of twelve triangles that fills the image: none of their middles is in it. The scale is that of its lit face.
+#[test]
+fn a_body_that_fills_the_image_has_an_automatic_scale() {
+    let fixture = Fixture::new();
+    let corners =
+        [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]];
+    let mut cube: String = corners.iter().map(|[x, y, z]| format!("v {x}e3 {y}e3 {z}e3\n")).collect();
+    for [a, b, c, d] in [[1, 4, 3, 2], [5, 6, 7, 8], [1, 2, 6, 5], [3, 4, 8, 7], [1, 5, 8, 4], [2, 3, 7, 6]] {
+        cube += &format!("f {a} {b} {c}\nf {a} {c} {d}\n");
+    }
+    fixture.write("rock.obj", &cube);
+    fixture.edit("scene.toml", "rock.glb", "rock.obj");
+    fixture.edit("scene.toml", "\"smooth\"", "\"flat\"");
+    fixture.edit(
+        "scene.toml",
+        "\"poses.csv\"",
+        "{ kind = \"phase-sweep\", frames = 2, step_s = 60, distance_m = 2.0e3, phases_deg = [10, 20] }",
+    );
+    assert_done(&fixture.render("out", &[]));
+    let image = image::open(fixture.path("out/frames/000000.png")).unwrap().to_luma8();
+    assert!(image.pixels().all(|pixel| pixel.0[0] > 200), "{:?}", image.get_pixel(80, 50));
+}

@@ -123,7 +123,7 @@ pub(super) fn entry(effect: PointsEffect) -> Entry {
             |d| thermal(d, false)
         ),
         E::ThermalFocal => entry!(
-            "a T (x, y), T lagged by tau",
+            "a T (x, y), T lagged by tau; with a lens model as baseline, a longer focal length of that lens",
             "expansion of the mount",
             &["temperature_c"],
             "0.7 arcsec/K at the edge",

@@ -9,7 +9,7 @@ use crate::data::Dataset;
 use crate::diagnose::Diagnosis;
 use crate::figure::View;
 use crate::fit::Fit;
-use crate::headline::{INVESTIGATE, headline};
+use crate::headline::{headline, investigate_first};
 use crate::output::{rms_name, warnings};
 use crate::scatter::Noise;
 use crate::verdict::Verdict;
@@ -98,6 +98,7 @@ pub(super) fn diagnosed(data: &Dataset, result: &Diagnosis, view: &View) -> Sect
     let unit = data.kind.unit();
     let mut answers = warning_answers(data, result.outliers);
     answers.push(("Verdict", result.verdict.name().to_owned()));
+    answers.extend(investigate_first(result).map(|todo| ("What to do", todo.to_owned())));
     for (own, physical) in result.accepted.iter().zip(&result.physical) {
         let p_value = result.candidates.iter().find(|c| c.effect == *own).map_or(1.0, |c| c.p_value);
         let sure = format!("{}: p = {p_value:.4}", words(own));
@@ -119,9 +120,6 @@ pub(super) fn diagnosed(data: &Dataset, result: &Diagnosis, view: &View) -> Sect
     answers.extend(field_answers(view));
     if let Some(next) = &result.next {
         answers.push(("Measure next", format!("{} ({})", words(next.action), next.value)));
-    }
-    if result.verdict == Verdict::Unknown {
-        answers.push(("What to do", INVESTIGATE.to_owned()));
     }
     Section::new("").card(&headline(data, result), &answers)
 }

@@ -168,11 +168,17 @@ fn rows(sequences: &[Sequence]) -> Vec<Vec<String>> {
                     f.within_three_sigma.map(|v| format!("{:.0} %", 100.0 * v)).join(", "),
                     format!("{:.2} ({:.2} to {:.2})", f.nis_mean, f.nis_bounds[0], f.nis_bounds[1]),
                 ]),
-                Err(why) => row.extend([why.clone(), String::new(), String::new()]),
+                Err(_) => row.extend(std::iter::repeat_n("-".to_owned(), 3)),
             }
             row
         })
         .collect()
+}
+
+/// Why sequences have no filter.
+fn without_filter(sequences: &[Sequence]) -> impl Iterator<Item = String> {
+    let why = |sequence: &Sequence| Some((sequence.label.clone(), sequence.filter.as_ref().err()?.clone()));
+    sequences.iter().filter_map(why).map(|(label, why)| format!("{label}: no filter: {why}"))
 }
 
 /// The table as lines of text.
@@ -183,6 +189,7 @@ pub fn lines(sequences: &[Sequence]) -> Vec<String> {
         let cells: Vec<String> = rows.iter().map(|row| format!("{:<30}", row[at])).collect();
         out.push(format!("{heading:<34}{}", cells.join("")).trim_end().to_owned());
     }
+    out.extend(without_filter(sequences));
     out.push(PAPER.to_owned());
     out
 }
@@ -197,7 +204,7 @@ pub fn page(title: &str, sequences: &[Sequence], notes: &[String]) -> Page {
             "X is right, Y down, Z along the boresight. The limb's height is the range's error as a height of the \
              whole limb above the reference surface, mean and standard deviation over the frames.",
         )
-        .list(notes);
+        .list(&notes.iter().cloned().chain(without_filter(sequences)).collect::<Vec<_>>());
     if sequences.iter().any(|sequence| sequence.filter.is_ok()) {
         result = result.figure(
             &figure_15(&shown, true),

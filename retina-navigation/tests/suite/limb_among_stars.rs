@@ -59,6 +59,7 @@ fn scene(offset: DVec3, roll: f64, seed: u64) -> Scene {
         light_dn: 2500.0,
         psf_px: 0.9,
         shading: 0.0,
+        lambert: false,
     };
     let mut image = disc.draw(SIZE);
     for source in sources(&observer, camera_from_inertial, &pinhole, 7.5).unwrap() {

@@ -42,6 +42,7 @@ fn draw(seed: u64, body: &LimbBody, shading: f64) -> Result<Draw, Refusal> {
         light_dn: 2000.0,
         psf_px: uniform(&mut random, 0.5, 1.4),
         shading,
+        lambert: false,
     };
     let mut image = disc.draw(SIZE);
     add_noise(&mut image, 8.0, &mut random);
@@ -104,6 +105,49 @@ fn shaded_discs_keep_their_radius() {
     check(&draws(&LimbBody::sphere(RADIUS_M), 1.0), "shaded sphere", 0.02, NEES_BOUNDS);
 }
 
+/// Crescents and nearly full discs of Lambert's law, which are dark at the terminator or at the limb: the radius comes out
+/// too small, by no more than the covariance says.
+#[test]
+fn discs_of_lambert_s_law_are_found_within_their_covariance() {
+    for (label, phases_deg, fewest) in [("crescents", [138.0, 154.0], 30), ("nearly full", [0.0, 12.0], 30)] {
+        let all: Vec<Result<Draw, Refusal>> =
+            (0..40).into_par_iter().map(|seed| lambert(seed, phases_deg)).collect();
+        let draws: Vec<Draw> = all.into_iter().flatten().collect();
+        assert!(draws.len() >= fewest, "{label}: {} solved", draws.len());
+        // Errors of one sign: three times the mean of unit errors is allowed, and no more than that.
+        check(&draws, label, 1.0, [0.3, 2.0 * NEES_BOUNDS[1]]);
+    }
+}
+
+fn lambert(seed: u64, [low, high]: [f64; 2]) -> Result<Draw, Refusal> {
+    let mut random = ChaCha8Rng::seed_from_u64(9000 + seed);
+    let pinhole = Pinhole::centred(3000.0, SIZE);
+    let radius_px = uniform(&mut random, 70.0, 115.0);
+    let at = [uniform(&mut random, 140.0, 180.0), uniform(&mut random, 130.0, 150.0)];
+    let body = LimbBody::sphere(RADIUS_M);
+    let truth = position(&pinhole, radius_px, at);
+    let limb = limb_ellipse(&pinhole, truth, body.camera_from_body, body.semi_axes_m).unwrap();
+    let disc = Disc {
+        limb,
+        phase_rad: uniform(&mut random, low, high).to_radians(),
+        sun_rad: uniform(&mut random, 0.0, std::f64::consts::TAU),
+        light_dn: 2000.0,
+        psf_px: uniform(&mut random, 0.4, 1.6),
+        shading: 0.0,
+        lambert: true,
+    };
+    let mut image = disc.draw(SIZE);
+    let brightest = image.values.iter().copied().fold(0.0, f32::max);
+    image.values.iter_mut().for_each(|value| *value *= 2000.0 / brightest);
+    add_noise(&mut image, 8.0, &mut random);
+    let solution = solve_limb(&image, &LimbCamera::pinhole(pinhole), &body, &LimbOptions::default())?;
+    let error = solution.position_camera_m - truth;
+    let nees = distance_squared(solution.covariance_m2, error);
+    let (found, limb) = (solution.ellipse, disc.limb);
+    let center = found.center_px - limb.center_px;
+    Ok(Draw { error_px: center.extend(found.semi_axes_px[0] - limb.semi_axes_px[0]), nees, solution })
+}
+
 /// Without the Sun's direction: phases of 0 to 15 deg, shaded or not.
 fn nearly_full(seed: u64, phase_known: bool) -> Result<Draw, Refusal> {
     let mut random = ChaCha8Rng::seed_from_u64(7000 + seed);
@@ -121,6 +165,7 @@ fn nearly_full(seed: u64, phase_known: bool) -> Result<Draw, Refusal> {
         light_dn: 2000.0,
         psf_px: uniform(&mut random, 0.5, 1.4),
         shading: uniform(&mut random, 0.0, 0.5),
+        lambert: false,
     };
     let mut image = disc.draw(SIZE);
     add_noise(&mut image, 8.0, &mut random);

@@ -20,8 +20,15 @@ fn solve(image: &CameraImage) -> Result<LimbSolution, Refusal> {
 /// A disc with noise, or what the options make of it.
 fn disc(center: [f64; 2], radius_px: f64, phase_deg: f64, light_dn: f64) -> CameraImage {
     let limb = LimbEllipse { center_px: center.into(), semi_axes_px: [radius_px; 2], angle_rad: 0.0 };
-    let disc =
-        Disc { limb, phase_rad: phase_deg.to_radians(), sun_rad: 0.4, light_dn, psf_px: 0.8, shading: 0.0 };
+    let disc = Disc {
+        limb,
+        phase_rad: phase_deg.to_radians(),
+        sun_rad: 0.4,
+        light_dn,
+        psf_px: 0.8,
+        shading: 0.0,
+        lambert: false,
+    };
     let mut image = disc.draw(SIZE);
     add_noise(&mut image, 6.0, &mut ChaCha8Rng::seed_from_u64(3));
     image
@@ -53,7 +60,15 @@ fn outcomes(change: impl Fn(f64) -> CameraImage) -> Vec<&'static str> {
 fn a_flattened_body_is_no_sphere() {
     let outline = |semi_axes_px: [f64; 2], angle_rad| {
         let limb = LimbEllipse { center_px: DVec2::new(120.0, 100.0), semi_axes_px, angle_rad };
-        let disc = Disc { limb, phase_rad: 0.9, sun_rad: 0.4, light_dn: 2000.0, psf_px: 0.8, shading: 0.0 };
+        let disc = Disc {
+            limb,
+            phase_rad: 0.9,
+            sun_rad: 0.4,
+            light_dn: 2000.0,
+            psf_px: 0.8,
+            shading: 0.0,
+            lambert: false,
+        };
         let mut image = disc.draw(SIZE);
         add_noise(&mut image, 6.0, &mut ChaCha8Rng::seed_from_u64(3));
         image

@@ -26,7 +26,15 @@ fn a_disc_with_a_third_of_its_limb_saturated_keeps_its_place() {
             };
             // Full scale is 4095, the offset 60: the limb itself is at 0.7 of it, three pixels inside is above it.
             let (phase_rad, sun_rad) = (50f64.to_radians(), 6.0 * unit());
-            let disc = Disc { limb, phase_rad, sun_rad, light_dn: 2900.0, psf_px: 0.85, shading: 1.3 };
+            let disc = Disc {
+                limb,
+                phase_rad,
+                sun_rad,
+                light_dn: 2900.0,
+                psf_px: 0.85,
+                shading: 1.3,
+                lambert: false,
+            };
             let mut whole = disc.draw(SIZE);
             whole.full_scale_dn = 65_535.0;
             add_noise(&mut whole, 6.0, &mut random);

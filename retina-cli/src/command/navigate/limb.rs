@@ -245,7 +245,9 @@ impl Arguments {
         let flag = if self.radii_m.is_some() { "--radii-m" } else { "--body" };
         let refused = |error: BodyError| match error {
             BodyError::Mesh(error) => error,
-            error => InputError::new(Path::new(flag), error.to_string())
+            error @ BodyError::Axes { .. } => InputError::new(Path::new(flag), error.to_string())
+                .help("give one radius, or three semi-axes with commas between, in metres"),
+            error @ BodyError::Attitude { .. } => InputError::new(Path::new(flag), error.to_string())
                 .help("give the body's attitude (--camera-from-body W,X,Y,Z)"),
         };
         let body = if let Some(text) = &self.radii_m {

@@ -20,6 +20,8 @@ pub(crate) struct Disc {
     pub(crate) psf_px: f64,
     /// Brightness times (1 + shading (depth inside the limb in radii)^(1/2)).
     pub(crate) shading: f64,
+    /// Brightness times the cosine of the Sun's angle of incidence.
+    pub(crate) lambert: bool,
 }
 
 impl Disc {
@@ -28,7 +30,10 @@ impl Disc {
             / DVec2::from_array(self.limb.semi_axes_px);
         let q = DVec2::from_angle(-self.sun_rad).rotate(local);
         let lit = q.length_squared() < 1.0 && q.x > -self.phase_rad.cos() * (1.0 - q.y * q.y).sqrt();
-        if lit { 1.0 + self.shading * (1.0 - q.length()).sqrt() } else { 0.0 }
+        let towards_us = (1.0 - q.length_squared()).max(0.0).sqrt();
+        let cos_sun = q.x * self.phase_rad.sin() + towards_us * self.phase_rad.cos();
+        let law = if self.lambert { cos_sun } else { 1.0 };
+        if lit { law * (1.0 + self.shading * (1.0 - q.length()).sqrt()) } else { 0.0 }
     }
 
     /// Mean brightness over each pixel, then the PSF.
