@@ -137,7 +137,8 @@ fn each_effect_is_named_or_in_the_set() {
     assert!(wrong.len() <= 2, "{wrong:?}");
 }
 
-/// False alarms on noise with common shifts and outliers: at most 5 of 100.
+/// False alarms on noise with common shifts and outliers. At the rate of 3 % that the levels have, more than 7 of 100 are
+/// there in 1 % of cases.
 #[test]
 fn noise_is_adequate() {
     let alarms: Vec<String> = (0..100)
@@ -152,7 +153,7 @@ fn noise_is_adequate() {
         })
         .collect();
     println!("{} alarms: {alarms:?}", alarms.len());
-    assert!(alarms.len() <= 5, "{alarms:?}");
+    assert!(alarms.len() <= 7, "{alarms:?}");
 }
 
 /// A keystone term that changes at once is no tilt of the screen.
