@@ -42,9 +42,13 @@ pub(crate) fn too_little(
     }
     if data.jitters && groups <= VERY_FEW_GROUPS && noise.group > noise.white {
         let why = format!(
-            "{group}s differ by {:.3} {unit}, more than their rows ({:.3}): {groups} of them do not tell a mount that moves from a knock or a drift",
+            "{group}s differ by {:.3} {unit}, more than their rows ({:.3}): {groups} of them do not tell {these}",
             noise.group,
             noise.white,
+            these = match data.components() {
+                2 => "a mount that moves from a knock or a drift",
+                _ => "a meter that repeats badly from a display that changes",
+            },
             group = group.trim_end_matches('s'),
             unit = data.kind.unit()
         );
