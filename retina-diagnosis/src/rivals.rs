@@ -181,9 +181,8 @@ impl<'a> Rivals<'a> {
         &self.judgements
     }
 
-    /// T_ij, in row i and column j, on rows that were measured and rows that are planned: its mean over the amplitudes that
-    /// the measured rows allow. With the likeliest ones alone, an effect that happens to be fitted as nothing would never
-    /// be looked for.
+    /// T_ij, in row i and column j, on rows that were measured and rows that are planned. Amplitudes are those that the
+    /// measured rows tell.
     pub fn separations(&self, rows: &DesignRows<'_>) -> Vec<Vec<Apart>> {
         let design = rows.data;
         let of = |planned: f64| {
@@ -203,27 +202,22 @@ impl<'a> Rivals<'a> {
         let (beside, known) = (fitted(&all), fitted(&old));
         let forms: Vec<Vec<Form>> =
             self.rivals.iter().zip(&self.fitted).map(|(rival, fitted)| fitted.forms(rival, design)).collect();
-        let predicted: Vec<Predicted> = forms
+        // What each predicts, beside the baseline.
+        let predicted: Vec<Vec<f64>> = forms
             .iter()
             .map(|forms| {
-                let form = &forms[0];
+                let Some(form) = forms.first() else { return vec![0.0; design.y.len()] };
                 let mut basis = known.clone();
                 form.columns.iter().for_each(|column| {
                     basis.push(whitened(&old, column));
                 });
                 let left: Vec<f64> = design.y.iter().zip(&form.fixed).map(|(y, fixed)| y - fixed).collect();
-                let amplitudes = &basis.coefficients(&whitened(&old, &left))[base.len()..];
-                let field = |amplitudes: &[f64], mut sum: Vec<f64>| {
-                    for (column, amplitude) in form.columns.iter().zip(amplitudes) {
-                        sum.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
-                    }
-                    beside.residual(whitened(&all, &sum))
-                };
-                let scatter = scatter(&basis.covariance()[base.len()..], base.len());
-                Predicted {
-                    likeliest: field(amplitudes, form.fixed.clone()),
-                    scatter: scatter.iter().map(|own| field(own, vec![0.0; design.y.len()])).collect(),
+                let amplitudes = basis.coefficients(&whitened(&old, &left));
+                let mut field = form.fixed.clone();
+                for (column, amplitude) in form.columns.iter().zip(&amplitudes[base.len()..]) {
+                    field.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
                 }
+                beside.residual(whitened(&all, &field))
             })
             .collect();
         (0..forms.len())
@@ -236,21 +230,24 @@ impl<'a> Rivals<'a> {
                         if i == j {
                             return Apart::default();
                         }
+                        let apart = |left: &[f64]| Apart {
+                            square: dot(left, left),
+                            by_row: left[..design.y.len()]
+                                .chunks_exact(design.components())
+                                .map(|row| dot(row, row))
+                                .collect(),
+                        };
                         forms
                             .iter()
                             .map(|form| {
                                 // What the fit of j may change: amplitudes, and the fixed part's own by its slopes.
                                 let fixed = beside.residual(whitened(&all, &form.fixed));
+                                let left: Vec<f64> =
+                                    predicted[i].iter().zip(&fixed).map(|(own, fixed)| own - fixed).collect();
                                 let own = Basis::of(
                                     form.columns.iter().map(|column| beside.residual(whitened(&all, column))),
                                 );
-                                let left = predicted[i].likeliest.iter().zip(&fixed).map(|(i, j)| i - j);
-                                let mut out = Apart::default();
-                                out.add(design, &own.residual(left.collect()));
-                                for scatter in &predicted[i].scatter {
-                                    out.add(design, &own.residual(scatter.clone()));
-                                }
-                                out
+                                apart(&own.residual(left))
                             })
                             .min_by(|a, b| a.square.total_cmp(&b.square))
                             .unwrap_or_default()
@@ -259,44 +256,6 @@ impl<'a> Rivals<'a> {
             })
             .collect()
     }
-}
-
-/// What a rival predicts beside the baseline, whitened.
-#[derive(Default)]
-struct Predicted {
-    /// By its likeliest amplitudes.
-    likeliest: Vec<f64>,
-    /// How its amplitudes scatter about them: independent directions, one standard deviation each.
-    scatter: Vec<Vec<f64>>,
-}
-
-impl Apart {
-    fn add(&mut self, design: &Dataset, left: &[f64]) {
-        self.square += dot(left, left);
-        self.by_row.resize(design.len(), 0.0);
-        let rows = left[..design.y.len()].chunks_exact(design.components());
-        self.by_row.iter_mut().zip(rows).for_each(|(sum, row)| *sum += dot(row, row));
-    }
-}
-
-/// Independent directions of amplitudes with this covariance, whose first columns are others': its Cholesky factor's columns.
-/// A direction that is not told (a dependent column) has none.
-fn scatter(covariance: &[Vec<f64>], others: usize) -> Vec<Vec<f64>> {
-    let size = covariance.len();
-    let mut left: Vec<Vec<f64>> = covariance.iter().map(|row| row[others..].to_vec()).collect();
-    let mut out = Vec::new();
-    for k in 0..size {
-        let pivot = left[k][k];
-        if pivot <= 1e-12 * covariance[k][others + k] {
-            continue;
-        }
-        let column: Vec<f64> = left.iter().map(|row| row[k] / pivot.sqrt()).collect();
-        for (row, a) in left.iter_mut().zip(&column) {
-            row.iter_mut().zip(&column).for_each(|(value, b)| *value -= a * b);
-        }
-        out.push(column);
-    }
-    out
 }
 
 /// Odds and probabilities from evidence and likelihood.
