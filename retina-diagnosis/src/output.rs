@@ -17,7 +17,7 @@ use crate::fit::Fit;
 use crate::headline::{headline, investigate_first};
 use crate::scatter::Noise;
 use crate::step::Step;
-use crate::verdict::{Verdict, too_many_outliers};
+use crate::verdict::too_many_outliers;
 
 /// What has to be said before all else.
 pub(crate) fn warnings(data: &Dataset, outliers: usize) -> Vec<String> {

@@ -12,7 +12,6 @@ use crate::fit::Fit;
 use crate::headline::{headline, investigate_first};
 use crate::output::{rms_name, warnings};
 use crate::scatter::Noise;
-use crate::verdict::Verdict;
 
 /// A screen below this p-value is told.
 const SEEN: f64 = 0.02;
