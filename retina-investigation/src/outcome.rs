@@ -1,8 +1,8 @@
 //! What an investigation says.
 
-use crate::investigate::LEVEL;
 use retina_diagnosis::{AddedEffect, Fit, Noise, Proof};
 
+use crate::investigate::LEVEL;
 use crate::words::Words;
 
 /// A formula that the data cannot tell from the one that is given.

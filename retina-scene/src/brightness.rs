@@ -164,7 +164,7 @@ impl Look<'_> {
                 let in_camera: DVec3 = at.camera_from_body * position_m + at.position_camera_m;
                 let sight = DVec2::new(in_camera.x, in_camera.y) / in_camera.z;
                 // A triangle that is larger than the field may be seen though its centre is not.
-                let reach = 0.5 * facet.area_m2.length().sqrt() as f64 / in_camera.z;
+                let reach = 0.5 * f64::from(facet.area_m2.length()).sqrt() / in_camera.z;
                 if in_camera.z <= 0.0 || !self.field.within(sight, reach) {
                     continue;
                 }

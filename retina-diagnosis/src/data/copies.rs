@@ -83,24 +83,26 @@ pub(super) fn refuse_constant(table: &PointsTable) -> Result<(), InputError> {
     let constant = |of: &dyn Fn(&PointRow) -> f64| table.rows.iter().all(|row| of(row) == of(first));
     let shown_in_a_line =
         [0, 1].iter().any(|&axis| constant(&|row| row.screen_px[axis])) || table.rows.len() < BY_CHANCE;
+    let refused = |column: &str, value: f64, expected: &str| {
+        InputError::new(first_file(&table.files), "a coordinate is the same in all rows")
+            .at(format!("column `{column}`"))
+            .found(format!("{value} in all {} rows", table.rows.len()))
+            .expected(expected)
+            .help("look at what wrote the table: a column was filled with one value")
+    };
     for (axis, column) in ["camera_x_px", "camera_y_px"].into_iter().enumerate() {
         if !shown_in_a_line && constant(&|row| row.camera_px[axis]) {
-            return Err(InputError::new(first_file(&table.files), "a coordinate is the same in all rows")
-                .at(format!("column `{column}`"))
-                .found(format!("{} in all {} rows", first.camera_px[axis], table.rows.len()))
-                .expected("places that differ, as those on the screen do")
-                .help("look at what wrote the table: a column was filled with one value"));
+            let expected = "places that differ, as those on the screen do";
+            return Err(refused(column, first.camera_px[axis], expected));
         }
     }
+    let own = table.rows.iter().filter(|row| row.image == first.image);
+    let seen: Vec<DVec2> = own.map(|row| row.camera_px).collect();
+    let in_a_line = seen.len() < BY_CHANCE || width_of_line(&seen) <= BENT;
     for (axis, column) in ["screen_x_px", "screen_y_px"].into_iter().enumerate() {
-        let own = table.rows.iter().filter(|row| row.image == first.image);
-        let seen: Vec<DVec2> = own.map(|row| row.camera_px).collect();
-        if constant(&|row| row.screen_px[axis]) && seen.len() >= BY_CHANCE && width_of_line(&seen) > BENT {
-            return Err(InputError::new(first_file(&table.files), "a coordinate is the same in all rows")
-                .at(format!("column `{column}`"))
-                .found(format!("{} in all {} rows", first.screen_px[axis], table.rows.len()))
-                .expected("points that lie in a line in the camera as well, or places that differ")
-                .help("look at what wrote the table: a column was filled with one value"));
+        if !in_a_line && constant(&|row| row.screen_px[axis]) {
+            let expected = "points that lie in a line in the camera as well, or places that differ";
+            return Err(refused(column, first.screen_px[axis], expected));
         }
     }
     Ok(())

@@ -17,11 +17,11 @@ const OFF_PER_MOVE: f64 = 1.5;
 /// Share of this that may be wrong (1 sigma). Lambert's law seen nearly full is dark at its limb: its radius is found too
 /// small by up to twice of it.
 const SIGMA_SHARE: f64 = 1.0;
-/// A crescent whose width is w of the blur s is as bright as a limb over a few s alone, and its edges are found inside
-/// by so much of s / (w / s)^2 that the radius is off by this: discs of Lambert's and of Lommel and Seeliger's law, phase
-/// angles 138 to 156 deg, radii 90 to 150 px, blurs 0.4 to 2 px.
+/// The radius of a crescent of width w, blurred by s, is found too small by this times s / (w / s)^2: its light falls off
+/// within a few s of the limb. Measured on discs of Lambert's and of Lommel and Seeliger's law, phase angles 138 to
+/// 156 deg, radii 90 to 150 px, blurs 0.4 to 2 px.
 const CRESCENT: f64 = 100.0;
-/// What the centre moves towards the Sun then, over the radius's error: the arc about the Sun's direction stays.
+/// The centre moves towards the Sun by this part of the radius's error: the lit arc stays where it is.
 const CENTRE_OF_CRESCENT: f64 = 0.85;
 
 /// What edges are off by: a change of the radius and of the centre, px.
@@ -87,7 +87,7 @@ impl Shading {
         (edges.iter().map(variance).sum::<f64>() / edges.len().max(1) as f64).sqrt()
     }
 
-    /// Radius and centre that a crescent's narrow light may move together, px (1 sigma).
+    /// By how much a crescent's radius and centre may be off together, px (1 sigma).
     pub(super) fn of_crescent(lit: &Lit, blur_px: f64) -> DVec3 {
         let Some(sun) = lit.sun else { return DVec3::ZERO };
         let radius = CRESCENT * blur_px.powi(3) / lit.width_px.powi(2).max(f64::MIN_POSITIVE);
