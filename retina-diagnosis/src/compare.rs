@@ -3,6 +3,7 @@
 use crate::added::{AddedEffect, adjusted};
 use crate::data::{ARCSEC_PER_RAD, Dataset};
 use crate::decode::{Decoded, decode};
+use crate::doubts::doubts;
 use crate::flips::Flips;
 use crate::noise::{Weights, lost_groups, robust_fit};
 use crate::scatter::{Noise, noise};
@@ -96,6 +97,8 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
     let fit = robust_fit(data, &adjusted.base);
     notes.extend(lost_groups(data, &fit.weights));
     notes.extend(Together::of(data, &fit.residual, &fit.weights).map(|together| together.note()));
+    let noise = Noise::beside(scatter, data, &fit);
+    notes.extend(doubts(data, &noise, &fit.weights));
     let total: f64 = frame.error.iter().map(|e| e * e).sum();
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|&a, &b| {
@@ -127,7 +130,7 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
         saturated: data.saturated,
         rms: fit.weights.rms(n, &fit.residual),
         rms_unweighted: fit.weights.rms_unweighted(n, &fit.residual),
-        noise: Noise::beside(scatter, data, &fit),
+        noise,
         jitter: fit.weights.jitter_variance.sqrt(),
         percentiles,
         fraction_within_10_arcsec: (data.kind == TableKind::Points).then_some(within),

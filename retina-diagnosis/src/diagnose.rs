@@ -6,6 +6,7 @@ use retina_formats::EffectId;
 use crate::added::{AddedEffect, settled};
 use crate::catalogue::Effect;
 use crate::data::Dataset;
+use crate::doubts::doubts;
 use crate::estimate::{Estimator, Implausible, Parameter, estimate, implausible};
 use crate::flips::Flips;
 use crate::kept::KeptEffect;
@@ -90,6 +91,8 @@ pub struct Diagnosis {
     pub accepted: Vec<&'static str>,
     /// For each of them those that these data cannot tell from it.
     pub rivals: Vec<Vec<&'static str>>,
+    /// For each of them a column of the table that the catalogue does not know, where it may as well be behind it.
+    pub rival_columns: Vec<Option<String>>,
     /// For each of them what it is on the bench, where that can be said.
     pub physical: Vec<Option<Physical>>,
     /// All that could be tried, best first.
@@ -229,11 +232,17 @@ fn search(
     let verdict = Verdict::of(Findings {
         structure: !unexplained.covariates.is_empty(),
         nothing: found.accepted.is_empty(),
-        several: found.sets.iter().any(|set| set.len() > 1),
+        several: found.sets.iter().any(|set| set.len() > 1)
+            || found.accepted.iter().any(|own| own.follows.is_some()),
         outliers: too_many_outliers(data, outliers),
         too_little: insufficient.is_some(),
     });
     notes.extend(crate::noise::lost_groups(data, &fit.weights));
+    notes.extend(doubts(data, &noise, &fit.weights));
+    let name = |index: usize| prepared[index].effect.name();
+    notes.extend(found.put_aside.iter().map(|(index, follows)| follows.in_place_of(name(*index))));
+    let beside = |own: &Accepted| Some(own.follows.as_ref()?.as_well_as(name(own.index)));
+    notes.extend(found.accepted.iter().filter_map(beside));
     notes.extend(unexplained.weak.as_ref().map(|weak| {
         let within = weak.width_px.map_or_else(String::new, |px| format!(" within {px:.0} {}", data.px_name()));
         format!(
@@ -287,6 +296,7 @@ fn search(
         verdict,
         accepted: found.accepted.iter().map(|own| prepared[own.index].effect.name()).collect(),
         rivals: found.sets.iter().zip(&found.accepted).map(rivals).collect(),
+        rival_columns: found.accepted.iter().map(|own| Some(own.follows.as_ref()?.column.clone())).collect(),
         physical,
         candidates,
         indistinguishable,

@@ -77,9 +77,11 @@ fn found(result: &Diagnosis) -> String {
             let called = physical.as_ref().and_then(|p| p.called);
             (called.map_or_else(|| words(own), str::to_owned), rivals)
         })
-        .map(|(own, rivals)| match rivals.as_slice() {
-            [] => own,
-            _ => format!("{own} (or {})", rivals.iter().map(|r| words(r)).collect::<Vec<_>>().join(", ")),
+        .zip(&result.rival_columns)
+        .map(|((own, rivals), column)| {
+            let column = column.iter().map(|column| format!("something that follows {column}"));
+            let others: Vec<String> = rivals.iter().map(|rival| words(rival)).chain(column).collect();
+            if others.is_empty() { own } else { format!("{own} (or {})", others.join(", ")) }
         })
         .collect();
     let kept = result.kept.iter().map(|kept| format!("the kept formula {}", kept.name));

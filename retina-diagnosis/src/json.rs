@@ -131,6 +131,7 @@ pub fn diagnose_json(data: &Dataset, result: &Diagnosis) -> Value {
         "noise": noise_json(&result.noise),
         "accepted": result.accepted,
         "rivals": result.accepted.iter().zip(&result.rivals).map(|(own, rivals)| ((*own).to_owned(), json!(rivals))).collect::<Map<String, Value>>(),
+        "rival_columns": result.accepted.iter().zip(&result.rival_columns).filter_map(|(own, column)| Some(((*own).to_owned(), json!(column.as_ref()?)))).collect::<Map<String, Value>>(),
         "physical": result.accepted.iter().zip(&result.physical).filter_map(|(own, physical)| Some(((*own).to_owned(), physical_json(physical.as_ref()?)))).collect::<Map<String, Value>>(),
         "candidates": result.candidates.iter().map(|c| json!({
             "effect": c.effect,

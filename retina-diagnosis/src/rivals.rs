@@ -3,11 +3,13 @@
 //!
 //! The evidence for a form of k parameters on n components with whitened errors e is
 //! ln p = -1/2 e^T e - k/2 ln n (G. Schwarz, Annals of Statistics 6, 1978). A model that may have any of V forms, one as
-//! likely as another beforehand, has the mean of their p. That favours few parameters. A model
-//! with more of them may fit as well, and is not ruled out then: of the odds by the evidence and those by the best form's
-//! likelihood alone, exp(-1/2 e^T e), the ones nearer to 1 count. If model i is true with the amplitudes that were fitted, and model j is fitted to what it predicts, the errors
-//! that are left have the squared length T_ij: the non-centrality by which j is refuted (A. C. Atkinson, V. V. Fedorov,
-//! Biometrika 62, 1975).
+//! likely as another beforehand, has the mean of their p. That favours few parameters. A model with more of them may fit
+//! as well, and is not ruled out then: of the odds by the evidence and those by the best form's likelihood alone,
+//! exp(-1/2 e^T e), the ones nearer to 1 count.
+//!
+//! If model i is true with amplitudes a, and model j is fitted to what it predicts, the errors that are left have the
+//! squared length T_ij = a^T M a: the non-centrality by which j is refuted (A. C. Atkinson, V. V. Fedorov, Biometrika 62,
+//! 1975). The measured rows tell a with an uncertainty C, and the mean of T_ij is a^T M a + tr(C M).
 
 use rayon::prelude::*;
 use retina_files::InputError;
@@ -18,7 +20,7 @@ use crate::data::Dataset;
 use crate::linear::{Basis, dot};
 use crate::noise::{Weights, robust_fit};
 use crate::own::evaluate;
-use crate::score::{Frame, Score};
+use crate::score::Frame;
 
 /// A model that may be the true one.
 #[derive(Clone)]
@@ -158,14 +160,15 @@ impl<'a> Rivals<'a> {
             .par_iter()
             .zip(rivals)
             .map(|(fit, rival)| {
-                let (ln_evidence, ln_likelihood) = evidence(fit, rival, &weights, components);
+                let Evidence { ln_evidence, ln_likelihood, base } =
+                    evidence(fit, rival, &weights, components);
                 let left = weights.rms(data.components(), &residual(fit, &weights));
                 Judgement {
                     ln_evidence,
                     ln_likelihood,
                     ln_odds_against: 0.0,
                     probability: 0.0,
-                    worst_level: worst_level(fit, &weights),
+                    worst_level: worst_level(fit, &base, &weights),
                     error_over_noise: left / weights.floor(),
                 }
             })
@@ -181,8 +184,8 @@ impl<'a> Rivals<'a> {
         &self.judgements
     }
 
-    /// T_ij, in row i and column j, on rows that were measured and rows that are planned. Amplitudes are those that the
-    /// measured rows tell.
+    /// T_ij, in row i and column j, on rows that were measured and rows that are planned: its mean over the amplitudes that
+    /// the measured rows allow. An effect that happens to be fitted as nothing may still be there.
     pub fn separations(&self, rows: &DesignRows<'_>) -> Vec<Vec<Apart>> {
         let design = rows.data;
         let of = |planned: f64| {
@@ -203,21 +206,29 @@ impl<'a> Rivals<'a> {
         let forms: Vec<Vec<Form>> =
             self.rivals.iter().zip(&self.fitted).map(|(rival, fitted)| fitted.forms(rival, design)).collect();
         // What each predicts, beside the baseline.
-        let predicted: Vec<Vec<f64>> = forms
+        let predicted: Vec<Vec<Vec<f64>>> = forms
             .iter()
             .map(|forms| {
-                let Some(form) = forms.first() else { return vec![0.0; design.y.len()] };
+                let Some(form) = forms.first() else { return Vec::new() };
                 let mut basis = known.clone();
+                let told = basis.q.len();
                 form.columns.iter().for_each(|column| {
                     basis.push(whitened(&old, column));
                 });
                 let left: Vec<f64> = design.y.iter().zip(&form.fixed).map(|(y, fixed)| y - fixed).collect();
-                let amplitudes = basis.coefficients(&whitened(&old, &left));
-                let mut field = form.fixed.clone();
-                for (column, amplitude) in form.columns.iter().zip(&amplitudes[base.len()..]) {
-                    field.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
-                }
-                beside.residual(whitened(&all, &field))
+                let likeliest = basis.coefficients(&whitened(&old, &left)).split_off(base.len());
+                let spread = basis.inverse_rows().split_off(base.len());
+                let field = |mut field: Vec<f64>, amplitude: &dyn Fn(usize) -> f64| {
+                    for (k, column) in form.columns.iter().enumerate() {
+                        let amplitude = amplitude(k);
+                        field.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
+                    }
+                    beside.residual(whitened(&all, &field))
+                };
+                let mut out = vec![field(form.fixed.clone(), &|k| likeliest[k])];
+                let directions = told..basis.q.len();
+                out.extend(directions.map(|d| field(vec![0.0; design.y.len()], &|k| spread[k][d])));
+                out
             })
             .collect();
         (0..forms.len())
@@ -230,24 +241,23 @@ impl<'a> Rivals<'a> {
                         if i == j {
                             return Apart::default();
                         }
-                        let apart = |left: &[f64]| Apart {
-                            square: dot(left, left),
-                            by_row: left[..design.y.len()]
-                                .chunks_exact(design.components())
-                                .map(|row| dot(row, row))
-                                .collect(),
-                        };
                         forms
                             .iter()
                             .map(|form| {
                                 // What the fit of j may change: amplitudes, and the fixed part's own by its slopes.
-                                let fixed = beside.residual(whitened(&all, &form.fixed));
-                                let left: Vec<f64> =
-                                    predicted[i].iter().zip(&fixed).map(|(own, fixed)| own - fixed).collect();
                                 let own = Basis::of(
                                     form.columns.iter().map(|column| beside.residual(whitened(&all, column))),
                                 );
-                                apart(&own.residual(left))
+                                let fixed = beside.residual(whitened(&all, &form.fixed));
+                                let mut apart = Apart::none(design.len());
+                                for (k, field) in predicted[i].iter().enumerate() {
+                                    let mut left = field.clone();
+                                    if k == 0 {
+                                        left.iter_mut().zip(&fixed).for_each(|(own, fixed)| *own -= fixed);
+                                    }
+                                    apart.add(&own.residual(left), design.components());
+                                }
+                                apart
                             })
                             .min_by(|a, b| a.square.total_cmp(&b.square))
                             .unwrap_or_default()
@@ -255,6 +265,20 @@ impl<'a> Rivals<'a> {
                     .collect()
             })
             .collect()
+    }
+}
+
+impl Apart {
+    fn none(rows: usize) -> Self {
+        Self { square: 0.0, by_row: vec![0.0; rows] }
+    }
+
+    /// Adds the square of whitened errors. Behind those of the rows there may be those of a calibration.
+    fn add(&mut self, errors: &[f64], components: usize) {
+        self.square += dot(errors, errors);
+        for (sum, row) in self.by_row.iter_mut().zip(errors.chunks_exact(components)) {
+            *sum += dot(row, row);
+        }
     }
 }
 
@@ -272,9 +296,9 @@ fn weigh(judgements: &mut [Judgement]) {
     }
 }
 
-/// The group whose mean error is furthest off.
-fn worst_level(fit: &Adjusted, weights: &Weights) -> (usize, f64) {
-    let frame = Frame::weighted(&fit.data, &fit.base, weights.clone());
+/// The group whose mean error is furthest off beside these columns.
+fn worst_level(fit: &Adjusted, base: &[Vec<f64>], weights: &Weights) -> (usize, f64) {
+    let frame = Frame::weighted(&fit.data, base, weights.clone());
     let mut worst = (0, 0.0);
     for (number, group) in fit.data.groups.iter().enumerate() {
         let level = weights.level(&fit.data, group.rows.clone()).of(&fit.data, weights, &frame.error);
@@ -364,24 +388,26 @@ fn nearest(variants: &[Variant<'_>], shape: &[f64]) -> usize {
     (0..variants.len()).min_by(|&a, &b| far(&variants[a]).total_cmp(&far(&variants[b]))).unwrap_or(0)
 }
 
-/// ln of a model's evidence, the mean over its forms, and of its best form's likelihood. Of a model of several effects one
-/// at a time has other forms than those that the fit chose.
-fn evidence(fit: &Adjusted, rival: &Rival, weights: &Weights, components: f64) -> (f64, f64) {
-    let mut found: Vec<[f64; 2]> = Vec::new();
-    let of = |others: &[Vec<f64>], further: usize, forms: &[Vec<Vec<f64>>]| -> Vec<[f64; 2]> {
-        let frame = Frame::weighted(&fit.data, others, weights.clone());
-        let square = dot(&frame.error, &frame.error);
-        let ln = |score: Score| {
-            let likelihood = -0.5 * (square - score.statistic);
-            [likelihood - 0.5 * (further + score.rank()) as f64 * components.ln(), likelihood]
-        };
-        frame.scores(forms).into_iter().map(ln).collect()
-    };
+/// How well a rival describes the data.
+struct Evidence {
+    /// ln of the mean evidence of its forms.
+    ln_evidence: f64,
+    /// ln of the likelihood of its best form.
+    ln_likelihood: f64,
+    /// All columns of that form.
+    base: Vec<Vec<f64>>,
+}
+
+/// Judges a rival by all of its forms. Of a model of several effects one at a time has other forms than those that the fit
+/// chose.
+fn evidence(fit: &Adjusted, rival: &Rival, weights: &Weights, components: f64) -> Evidence {
     let owned = fit.owner.iter().flatten().count();
     let columns = |index: usize, own: bool| -> Vec<Vec<f64>> {
         let all = fit.base.iter().zip(&fit.owner);
         all.filter(|(_, owner)| (**owner == Some(index)) == own).map(|(column, _)| column.clone()).collect()
     };
+    let mut evidences: Vec<f64> = Vec::new();
+    let mut best = (f64::NEG_INFINITY, fit.base.clone());
     for (index, effect) in rival.effects.iter().enumerate() {
         let chosen = columns(index, true);
         let further = owned - chosen.len();
@@ -395,16 +421,26 @@ fn evidence(fit: &Adjusted, rival: &Rival, weights: &Weights, components: f64) -
             }
             forms.extend(later_forms(&fit.data, known.id));
         }
-        found.extend(of(&columns(index, false), further, &forms));
+        let others = columns(index, false);
+        let frame = Frame::weighted(&fit.data, &others, weights.clone());
+        let square = dot(&frame.error, &frame.error);
+        for (score, form) in frame.scores(&forms).iter().zip(&forms) {
+            let ln_likelihood = -0.5 * (square - score.statistic);
+            evidences.push(ln_likelihood - 0.5 * (further + score.rank()) as f64 * components.ln());
+            if ln_likelihood > best.0 {
+                best = (ln_likelihood, others.iter().chain(form).cloned().collect());
+            }
+        }
     }
-    if found.is_empty() {
+    if evidences.is_empty() {
         // The baseline alone.
         let frame = Frame::weighted(&fit.data, &fit.base, weights.clone());
-        found.push([-0.5 * dot(&frame.error, &frame.error); 2]);
+        best.0 = -0.5 * dot(&frame.error, &frame.error);
+        evidences.push(best.0);
     }
-    let most = |k: usize| found.iter().map(|ln| ln[k]).fold(f64::NEG_INFINITY, f64::max);
-    let sum: f64 = found.iter().map(|ln| (ln[0] - most(0)).exp()).sum();
-    (most(0) + (sum / found.len() as f64).ln(), most(1))
+    let most = evidences.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let sum: f64 = evidences.iter().map(|ln| (ln - most).exp()).sum();
+    Evidence { ln_evidence: most + (sum / evidences.len() as f64).ln(), ln_likelihood: best.0, base: best.1 }
 }
 
 /// Columns of a form's leading terms.

@@ -14,6 +14,7 @@ use crate::estimate::is_implausible;
 use crate::flips::{Flips, PARAMETRIC, p_values};
 use crate::levels;
 use crate::noise::{RobustFit, robust_fit, steady_columns};
+use crate::other_columns::Follows;
 use crate::score::{Frame, HeldOut, Score};
 use crate::series::{Outlying, outlying};
 use crate::units::VERY_FEW_GROUPS;
@@ -78,6 +79,8 @@ pub(crate) struct Accepted {
     pub(crate) columns: Vec<Vec<f64>>,
     /// Whether second orders of its own were needed.
     widened: bool,
+    /// Another column that may be behind it as well.
+    pub(crate) follows: Option<Follows>,
 }
 
 pub(crate) struct Ranked {
@@ -132,6 +135,8 @@ pub(crate) struct Search<'a> {
     pub(crate) first_ranking: Option<Vec<Ranked>>,
     /// The effect that is one group's own, with that group.
     pub(crate) group: Option<(usize, Outlying)>,
+    /// Effects that are not what happened, since what they explain follows another column.
+    pub(crate) put_aside: Vec<(usize, Follows)>,
 }
 
 impl<'a> Search<'a> {
@@ -154,6 +159,7 @@ impl<'a> Search<'a> {
             sets: Vec::new(),
             first_ranking: None,
             group: None,
+            put_aside: Vec::new(),
         }
     }
 
@@ -172,10 +178,10 @@ impl<'a> Search<'a> {
         if self.accepted.is_empty() && !self.later { first } else { later }
     }
 
-    fn accept(&mut self, index: usize, variant: usize, set: Vec<usize>) {
+    fn accept(&mut self, index: usize, variant: usize, set: Vec<usize>, follows: Option<Follows>) {
         let columns = self.prepared[index].whole(self.data, variant);
         self.base.extend(columns.iter().cloned());
-        self.accepted.push(Accepted { index, variant, columns, widened: false });
+        self.accepted.push(Accepted { index, variant, columns, widened: false, follows });
         self.excluded[index] = true;
         for &member in &set {
             self.excluded[member] = true;
@@ -228,7 +234,7 @@ impl<'a> Search<'a> {
         if p_value > LEVEL_GROUP || offset.abs() < FLOOR_GROUP {
             return None;
         }
-        self.accept(index, group, vec![index]);
+        self.accept(index, group, vec![index], None);
         Some(format!(
             "series `{}` is off by a factor of {:.3} (Grubbs' test of the series' levels). No other series knows that factor: the errors are told on rows left out, not on whole series",
             self.data.groups[group].name,
@@ -236,8 +242,19 @@ impl<'a> Search<'a> {
         ))
     }
 
-    /// Accepts the best effect that is left; false where none is significant.
+    /// Accepts the best effect that is left; false where none is significant. Effects whose place another column takes are
+    /// put aside on the way.
     pub(crate) fn step(&mut self) -> bool {
+        loop {
+            match self.try_best() {
+                Tried::Accepted => return true,
+                Tried::PutAside => {}
+                Tried::Nothing => return false,
+            }
+        }
+    }
+
+    fn try_best(&mut self) -> Tried {
         let level = self.level(LEVEL_FIRST[0], LEVEL_LATER[0]);
         let (data, prepared) = (self.data, self.prepared);
         let frame = Frame::with_outliers_cut(data, &self.base, self.fits.of(&self.base));
@@ -245,7 +262,7 @@ impl<'a> Search<'a> {
         // An unexplained effect that groups have in common is taken for jitter at first, and looks weak beside it.
         let Some(best) = pick(&ranking, level, 0.0, &frame.held_out(&[])) else {
             self.first_ranking.get_or_insert(ranking);
-            return false;
+            return Tried::Nothing;
         };
         // Noise and jitter once more, without what the best effect explains.
         let mut with_best = self.base.clone();
@@ -255,15 +272,35 @@ impl<'a> Search<'a> {
         let ranking = rank(&frame, &self.base, prepared, &self.excluded, self.flips);
         let Some(best) = pick(&ranking, level, FLOOR_NOISE, &frame.held_out(&[])) else {
             self.first_ranking.get_or_insert(ranking);
-            return false;
+            return Tried::Nothing;
         };
         let (index, variant) = (best.index, best.variant);
+        let follows =
+            Follows::find(&frame, prepared[index].effect, &prepared[index].columns[variant], &best.held_out);
+        let follows = match follows {
+            Some(follows) if follows.clearly() => {
+                self.first_ranking.get_or_insert(ranking);
+                self.excluded[index] = true;
+                self.put_aside.push((index, follows));
+                return Tried::PutAside;
+            }
+            other => other,
+        };
         let set = confusable(&frame, &self.base, prepared, &ranking, best, level, self.flips);
         self.first_ranking.get_or_insert(ranking);
-        self.accept(index, variant, set);
+        self.accept(index, variant, set, follows);
         self.widen();
-        true
+        Tried::Accepted
     }
+}
+
+/// What became of the best effect.
+enum Tried {
+    Accepted,
+    /// What it explains follows another column.
+    PutAside,
+    /// None is significant.
+    Nothing,
 }
 
 /// Effects of the table with their columns, and those it cannot show.

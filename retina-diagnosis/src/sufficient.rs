@@ -1,6 +1,7 @@
 //! Whether data that show nothing could have shown something.
 
 use crate::data::{Dataset, Flip};
+use crate::doubts::OFF_STATED;
 use crate::next::NextMeasurement;
 use crate::noise::Weights;
 use crate::scatter::{Noise, group_name, stated};
@@ -8,8 +9,6 @@ use crate::units::{FEW_GROUPS, Units, VERY_FEW_GROUPS};
 
 /// Fewer parts than this can be flipped in too few ways for any p-value to be small.
 const FEWEST_UNITS: usize = 8;
-/// Errors that are this many times what the table states are not noise, whatever else is not found.
-const BEYOND_STATED: f64 = 3.0;
 
 /// Why nothing can be concluded from finding nothing, and what to measure instead; `None` where it can.
 pub(crate) fn too_little(
@@ -64,7 +63,7 @@ pub(crate) fn too_little(
         return Some((why, repeat));
     }
     if let Some(stated) = stated(data, weights)
-        && noise.floor().hypot(noise.structured) > BEYOND_STATED * stated
+        && noise.floor().hypot(noise.structured) > OFF_STATED * stated
     {
         return Some((
             format!(

@@ -211,6 +211,23 @@ fn each_law_is_explained_by_its_own_model() {
     }
 }
 
+/// Beside a model of another law the user is told which model to try; beside a model that holds nothing is said.
+#[test]
+fn another_model_is_told_where_it_leaves_less() {
+    for (name, law) in LAWS {
+        let text = Campaign { outliers: 0.03, ..PLAIN }.table(law);
+        let hint = |baseline: &str| {
+            let notes = data(&text, baseline).unwrap().notes;
+            notes.into_iter().find(|note| note.contains("try --baseline"))
+        };
+        assert_eq!(hint(name), None);
+        if ["pinhole", "fisheye:equisolid", "rational"].contains(&name) {
+            let said = hint("fisheye:equidistant").unwrap();
+            assert!(said.starts_with(&format!("the lens model `{name}` leaves 0.03")), "{said}");
+        }
+    }
+}
+
 #[test]
 fn coefficients_are_those_that_made_the_table() {
     let fitted = fit(&data(&PLAIN.table(law("fisheye")), "fisheye").unwrap(), &[]).unwrap();

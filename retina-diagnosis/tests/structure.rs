@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{ARCSEC, Campaign, Point, setup};
+use common::{ARCSEC, Campaign, Point, dataset, setup};
 use glam::DVec2;
 use retina_diagnosis::{AddedEffect, DiagnoseOptions, Diagnosis, Verdict, compare, diagnose, fit};
 use retina_geometry::{DEPTHS_MM, RADIAL_KNOTS, RadialTable, SpotShifts};
@@ -52,6 +52,74 @@ fn without_structure_a_table_is_adequate_and_says_what_it_would_have_seen() {
     };
     assert_eq!((ripple(1.5).verdict, ripple(0.25).verdict), (Verdict::Unknown, Verdict::Adequate));
     assert!(ripple(0.25).unexplained.p_value > 0.01);
+}
+
+/// A shift that follows the humidity: a knock and a drift explain a part of it, and neither is named. A drift beside a
+/// humidity that means nothing is named.
+#[test]
+fn what_follows_another_column_is_no_knock_and_no_drift() {
+    let humidity = |exposure: usize| {
+        let e = exposure as f64;
+        45.0 + 6.0 * ((0.23 * e).sin() + 0.4 * (0.71 * e).cos() + 0.03 * e)
+    };
+    let diagnosed = |effect: &dyn Fn(&Point) -> DVec2| {
+        let mut text = String::new();
+        for (row, line) in Campaign::new(8).table(&setup(), effect).lines().enumerate() {
+            let cell = match row.checked_sub(1) {
+                None => "humidity_pct".to_owned(),
+                Some(row) => humidity(row / 50).to_string(),
+            };
+            text.push_str(&format!("{line},{cell}\n"));
+        }
+        diagnose(&dataset(&setup(), &text), &[], &OPTIONS)
+    };
+    let along = DVec2::new(0.8, -0.6) * ARCSEC;
+    let found = diagnosed(&|p: &Point| p.r + 2.0 * along * (humidity(p.exposure) - 45.0) / 6.0);
+    assert_eq!((found.verdict, found.accepted.len()), (Verdict::Unknown, 0), "{:?}", found.accepted);
+    assert_eq!(found.unexplained.covariates, ["humidity_pct"]);
+    let told = |note: &String| note.contains("is not named: what it would explain follows `humidity_pct`");
+    assert!(found.notes.iter().any(told), "{:?}", found.notes);
+    let found = diagnosed(&|p: &Point| p.r + 4.0 * along * p.time_s / 3600.0);
+    assert_eq!(found.accepted, ["drift"]);
+    assert_eq!(found.rival_columns, [None]);
+}
+
+/// A stated figure a thousand times too large or too small, and exposures that move by four times what their points
+/// scatter by: each is told once, whatever the verdict, and nothing is told of a table that states what is so.
+#[test]
+fn a_table_whose_own_figures_are_doubtful_is_told_so() {
+    let campaign = Campaign { outliers: 0.0, ..Campaign::new(7) };
+    let notes = |campaign: Campaign, sigma_px: Option<f64>, effect: &dyn Fn(&Point) -> DVec2| {
+        let mut text = String::new();
+        for (row, line) in campaign.table(&setup(), effect).lines().enumerate() {
+            let cell = match sigma_px {
+                Some(_) if row == 0 => ",sigma_px".to_owned(),
+                Some(sigma_px) => format!(",{sigma_px}"),
+                None => String::new(),
+            };
+            text.push_str(&format!("{line}{cell}\n"));
+        }
+        let data = dataset(&setup(), &text);
+        let said = |notes: Vec<String>| {
+            let doubts = |note: &String| note.contains("the table states") || note.starts_with("whole ");
+            notes.into_iter().filter(doubts).collect::<Vec<String>>()
+        };
+        let found = said(diagnose(&data, &[], &OPTIONS).notes);
+        assert_eq!(found.len(), said(compare(&data, &[]).notes).len(), "{found:?}");
+        found
+    };
+    // 1.6 arcsec in all.
+    let camera = setup().camera_pinhole();
+    let true_px = 1.6 * ARCSEC * camera.fx_px;
+    let tilted = |p: &Point| p.r + DVec2::new(20.0 * ARCSEC * p.r.x * p.r.x / 0.01, 0.0);
+    let none = notes(campaign, Some(true_px), &tilted);
+    assert!(none.is_empty(), "{none:?}");
+    for (factor, than) in [(1000.0, "less"), (0.001, "more")] {
+        let said = notes(campaign, Some(factor * true_px), &tilted);
+        assert!(said.len() == 1 && said[0].contains(&format!(" times {than} than the ")), "{said:?}");
+    }
+    let said = notes(Campaign { jitter_arcsec: 6.4, ..campaign }, None, &nothing);
+    assert!(said.len() == 1 && said[0].starts_with("whole exposures differ by "), "{said:?}");
 }
 
 /// 1.5 arcsec and 0.3 of it more for faint points is 1.6 over all; the exposures' 0.45 beside it.

@@ -48,6 +48,7 @@ pub fn diagnose_frames(
     let mut out = Diagnosis {
         accepted: Vec::new(),
         rivals: Vec::new(),
+        rival_columns: Vec::new(),
         indistinguishable: Vec::new(),
         next: None,
         ..found.clone()
@@ -83,6 +84,7 @@ pub fn diagnose_frames(
         out.accepted.push(id);
         several |= found.indistinguishable.len() > 1;
         out.rivals.append(&mut found.rivals);
+        out.rival_columns.append(&mut found.rival_columns);
         out.physical.push(None);
         for rival in &found.indistinguishable {
             if !out.indistinguishable.contains(rival) {
@@ -113,6 +115,7 @@ pub fn diagnose_frames(
             (data, added, ladder, fitted_parameters) = (next, without, trial.steps, trial.parameters);
             out.accepted.remove(idle);
             out.rivals.remove(idle);
+            out.rival_columns.remove(idle);
             out.physical.remove(idle);
             out.indistinguishable.retain(|own| *own != name);
             decided.retain(|candidate| candidate.effect != name);

@@ -190,7 +190,7 @@ fn lag(mut order: Vec<usize>, time_s: &[f64], values: &[f64], tau_s: f64, out: &
 }
 
 /// Values shifted and scaled to half a range of 1.
-pub(super) fn to_unit(values: &[f64]) -> Vec<f64> {
+pub(crate) fn to_unit(values: &[f64]) -> Vec<f64> {
     let (low, high) =
         values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
     let half = (0.5 * (high - low)).max(f64::MIN_POSITIVE);

@@ -162,13 +162,13 @@ pub(super) fn fitted(
     camera: &Pinhole,
     points: &[Shown],
 ) -> Result<FittedLens, LensProblem> {
-    let count = points.iter().map(|p| p.mounting + 1).max().unwrap_or(0);
+    let count = mountings(points);
     let coefficients = model.coefficient_names().len();
     if points.len() < 4 + coefficients + ANGLES * count {
         return Err(LensProblem::TooFew(4 + coefficients + ANGLES * count));
     }
     let start = start(model, camera, points, count)?;
-    let chosen = evenly(points, count);
+    let chosen = evenly(points, MOST_ROWS, FEWEST_OF_MOUNTING);
     let mut starts = vec![start.clone()];
     if model == LensModel::Rational {
         let mut wide = start;
@@ -189,15 +189,19 @@ pub(super) fn fitted(
     Ok(best)
 }
 
-/// At most [`MOST_ROWS`] points or so, of each mounting its share.
-fn evenly(points: &[Shown], mountings: usize) -> Vec<Shown> {
+/// At most so many points or so, of each mounting its share, and as many as `fewest`.
+pub(super) fn evenly(points: &[Shown], most: usize, fewest: usize) -> Vec<Shown> {
     let mut out = Vec::new();
-    for m in 0..mountings {
+    for m in 0..mountings(points) {
         let own: Vec<Shown> = points.iter().filter(|p| p.mounting == m).copied().collect();
-        let most = (MOST_ROWS * own.len() / points.len()).max(FEWEST_OF_MOUNTING);
+        let most = (most * own.len() / points.len()).max(fewest);
         out.extend(own.iter().step_by(own.len().div_ceil(most).max(1)));
     }
     out
+}
+
+fn mountings(points: &[Shown]) -> usize {
+    points.iter().map(|p| p.mounting + 1).max().unwrap_or(0)
 }
 
 /// The setup's camera, turned and scaled as the points of each mounting tell by a similarity.
@@ -237,7 +241,7 @@ fn start(
 }
 
 /// Errors of all points, px; `None` where one has no image.
-fn errors(fitted: &FittedLens, points: &[Shown]) -> Option<Vec<DVec2>> {
+pub(super) fn errors(fitted: &FittedLens, points: &[Shown]) -> Option<Vec<DVec2>> {
     points
         .par_iter()
         .map(|p| {
@@ -249,7 +253,7 @@ fn errors(fitted: &FittedLens, points: &[Shown]) -> Option<Vec<DVec2>> {
 }
 
 /// Standard deviation of one axis by the median length.
-fn sigma_px(errors: &[DVec2]) -> f64 {
+pub(super) fn sigma_px(errors: &[DVec2]) -> f64 {
     let lengths: Vec<f64> = errors.iter().map(|e| e.length()).collect();
     (crate::series::median(&lengths) / MEDIAN_LENGTH).max(LEAST_SIGMA_PX)
 }

@@ -3,6 +3,7 @@
 mod copies;
 mod frames;
 mod lens;
+mod lens_choice;
 mod phase;
 mod places;
 mod points;

@@ -14,6 +14,7 @@ use crate::field::{Held, HeldModel};
 
 use super::copies::{exposures, leave_out_copies, refuse_constant, refuse_repeated};
 use super::lens::{self, FittedLens, LensProblem, Shown};
+use super::lens_choice;
 use super::places::{Known, true_places_px};
 use super::scale::check_scale;
 use super::{Covariate, Dataset, DisplayDepth, Flip, Group, RowFrame, Term};
@@ -138,6 +139,7 @@ fn by_lens(
     let refused = |problem: LensProblem| refused_by_lens(model, table, rows, problem);
     let fitted = lens::fitted(model, camera, &points).map_err(refused)?;
     notes.push(format!("the baseline starts from {}", fitted.text()));
+    notes.extend(lens_choice::better(model, camera, &points));
     let mut out = Explained {
         y: Vec::with_capacity(2 * rows.len()),
         frame: Vec::with_capacity(rows.len()),

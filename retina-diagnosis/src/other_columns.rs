@@ -1,0 +1,142 @@
+//! Whether what an effect of time or temperature explains follows another column of the table more closely.
+//!
+//! A mount that swells with the humidity moves whole exposures. So do a knock, a drift and a mount that warms up, and one of
+//! them always fits best. But the table says what the humidity was. An effect that the same displacement, in proportion to
+//! another column, beats on exposures left out is not what happened.
+
+use retina_formats::{EffectId, PointsEffect};
+
+use crate::catalogue::{Effect, effects, to_unit};
+use crate::data::Dataset;
+use crate::score::{Frame, HeldOut};
+use crate::screens::screened;
+
+/// Columns whose effects are asked.
+const CONDITIONS: [&str; 2] = ["time_s", "temperature_c"];
+/// A displacement depends on another column by a polynomial of this degree, and on time, where a step is asked, by this.
+const DEGREE: i32 = 2;
+const DEGREE_OF_TIME: i32 = 3;
+/// Standard errors of the held-out error by which another column has to be better before an effect is not named.
+const CLEARLY: f64 = 2.5;
+/// And before one of both cannot be told.
+const ALIKE: f64 = 1.0;
+/// Parts of a displacement that is the same for all points of an exposure but for rounding.
+const ROUNDING: f64 = 1e-9;
+
+/// A column that what an effect explains follows.
+pub(crate) struct Follows {
+    /// Its name.
+    pub(crate) column: String,
+    /// Standard errors by which it is better on what is left out.
+    pub(crate) sigmas: f64,
+}
+
+impl Follows {
+    /// The column that an effect's form is beaten by most; `own` are its held-out errors.
+    pub(crate) fn find(
+        frame: &Frame<'_>,
+        effect: &Effect,
+        columns: &[Vec<f64>],
+        own: &HeldOut,
+    ) -> Option<Self> {
+        let data = frame.data;
+        if data.pixels().is_some() || !effect.covariates().iter().all(|name| CONDITIONS.contains(name)) {
+            return None;
+        }
+        let patterns: Vec<Pattern> =
+            columns.iter().map(|column| pattern(data, column)).collect::<Option<_>>()?;
+        let known = effects(Some(data.kind));
+        let read = |name: &str| known.iter().any(|effect| effect.covariates().contains(&name));
+        let mut others: Vec<(&str, i32)> = screened(data)
+            .into_iter()
+            .filter(|name| !read(name) && steady(data, name))
+            .map(|n| (n, DEGREE))
+            .collect();
+        if effect.id == EffectId::Points(PointsEffect::Knock) {
+            others.push(("time_s", DEGREE_OF_TIME));
+        }
+        others
+            .into_iter()
+            .map(|(name, degree)| {
+                let values = to_unit(data.values(name));
+                let along = |pattern: &Pattern, power: i32| -> Vec<f64> {
+                    let of = |row: usize| pattern(data, row).map(|part| part * values[row].powi(power));
+                    (0..data.len()).flat_map(|row| of(row).into_iter().take(data.components())).collect()
+                };
+                let columns: Vec<Vec<f64>> = patterns
+                    .iter()
+                    .flat_map(|pattern| (1..=degree).map(move |power| (pattern, power)))
+                    .map(|(pattern, power)| along(pattern, power))
+                    .collect();
+                Self { column: name.to_owned(), sigmas: own.beaten_by(&frame.held_out(&columns)) }
+            })
+            .filter(|found| found.sigmas > ALIKE)
+            .max_by(|a, b| a.sigmas.total_cmp(&b.sigmas))
+    }
+
+    /// Why an effect was not named.
+    pub(crate) fn in_place_of(&self, effect: &str) -> String {
+        format!(
+            "{effect} is not named: what it would explain follows `{}` more closely, by {:.1} standard errors of the held-out error",
+            self.column, self.sigmas
+        )
+    }
+
+    /// Why an effect that was named is not the only one.
+    pub(crate) fn as_well_as(&self, effect: &str) -> String {
+        format!(
+            "{effect}: what it explains follows `{}` as closely; these data do not tell which of the two is behind it. Change one of them alone",
+            self.column
+        )
+    }
+
+    /// Whether the effect is not what happened; else one of both cannot be told.
+    pub(crate) fn clearly(&self) -> bool {
+        self.sigmas > CLEARLY
+    }
+}
+
+/// A displacement over the field.
+type Pattern = fn(&Dataset, usize) -> [f64; 2];
+
+/// Shifts, a scale, a roll and tilts.
+const PATTERNS: [Pattern; 6] = [
+    |_, _| [1.0, 0.0],
+    |_, _| [0.0, 1.0],
+    |data, row| [data.values("x")[row], data.values("y")[row]],
+    |data, row| [-data.values("y")[row], data.values("x")[row]],
+    |data, row| [data.values("x")[row].powi(2), data.values("x")[row] * data.values("y")[row]],
+    |data, row| [data.values("x")[row] * data.values("y")[row], data.values("y")[row].powi(2)],
+];
+
+/// The displacement that a column is, in each exposure times a number.
+fn pattern(data: &Dataset, column: &[f64]) -> Option<Pattern> {
+    if data.components() == 1 {
+        return Some(PATTERNS[0]);
+    }
+    let largest = column.iter().fold(0.0f64, |most, v| most.max(v.abs()));
+    PATTERNS.into_iter().find(|pattern| {
+        data.groups.iter().all(|group| {
+            let (mut product, mut square) = (0.0, 0.0);
+            for row in group.rows.clone() {
+                let [u, v] = pattern(data, row);
+                product += u * column[2 * row] + v * column[2 * row + 1];
+                square += u * u + v * v;
+            }
+            let size = if square > 0.0 { product / square } else { 0.0 };
+            group.rows.clone().all(|row| {
+                let [u, v] = pattern(data, row);
+                (column[2 * row] - size * u).abs().max((column[2 * row + 1] - size * v).abs())
+                    <= ROUNDING * largest
+            })
+        })
+    })
+}
+
+/// Whether a column is known everywhere and, of points, the same for all of an exposure.
+fn steady(data: &Dataset, name: &str) -> bool {
+    let values = data.values(name);
+    let same = |rows: std::ops::Range<usize>| values[rows.clone()].iter().all(|v| *v == values[rows.start]);
+    values.iter().all(|v| v.is_finite())
+        && (data.components() == 1 || data.groups.iter().all(|group| same(group.rows.clone())))
+}
