@@ -15,7 +15,7 @@ use crate::screens::screened;
 const CONDITIONS: [&str; 2] = ["time_s", "temperature_c"];
 /// A displacement depends on another column by a polynomial of this degree, and on time, where a step is asked, by this.
 const DEGREE: i32 = 2;
-const DEGREE_OF_TIME: i32 = 3;
+const DEGREE_OF_TIME: i32 = 5;
 /// Standard errors of the held-out error by which another column has to be better before an effect is not named.
 const CLEARLY: f64 = 2.5;
 /// And before one of both cannot be told.
@@ -47,31 +47,37 @@ impl Follows {
             columns.iter().map(|column| pattern(data, column)).collect::<Option<_>>()?;
         let known = effects(Some(data.kind));
         let read = |name: &str| known.iter().any(|effect| effect.covariates().contains(&name));
-        let mut others: Vec<(&str, i32)> = screened(data)
-            .into_iter()
-            .filter(|name| !read(name) && steady(data, name))
-            .map(|n| (n, DEGREE))
-            .collect();
-        if effect.id == EffectId::Points(PointsEffect::Knock) {
-            others.push(("time_s", DEGREE_OF_TIME));
+        let others = screened(data).into_iter().filter(|name| !read(name) && steady(data, name));
+        let of_own = |name: &str, degree: i32| {
+            let columns = along(data, &patterns, name, degree);
+            Self { column: name.to_owned(), sigmas: own.beaten_by(&frame.held_out(&columns)) }
+        };
+        let step = effect.id == EffectId::Points(PointsEffect::Knock);
+        let mut found: Vec<Self> = if step { vec![of_own("time_s", DEGREE_OF_TIME)] } else { Vec::new() };
+        for name in others {
+            found.push(of_own(name, DEGREE));
+            found.extend(Self::with_all_of_the_field(frame, &patterns, columns, name, own));
         }
-        others
-            .into_iter()
-            .map(|(name, degree)| {
-                let values = to_unit(data.values(name));
-                let along = |pattern: &Pattern, power: i32| -> Vec<f64> {
-                    let of = |row: usize| pattern(data, row).map(|part| part * values[row].powi(power));
-                    (0..data.len()).flat_map(|row| of(row).into_iter().take(data.components())).collect()
-                };
-                let columns: Vec<Vec<f64>> = patterns
-                    .iter()
-                    .flat_map(|pattern| (1..=degree).map(move |power| (pattern, power)))
-                    .map(|(pattern, power)| along(pattern, power))
-                    .collect();
-                Self { column: name.to_owned(), sigmas: own.beaten_by(&frame.held_out(&columns)) }
-            })
-            .filter(|found| found.sigmas > ALIKE)
-            .max_by(|a, b| a.sigmas.total_cmp(&b.sigmas))
+        found.into_iter().filter(|found| found.sigmas > ALIKE).max_by(|a, b| a.sigmas.total_cmp(&b.sigmas))
+    }
+
+    /// A column whose effect changes over the field may leave more than one effect of the catalogue a part. So shifts and all
+    /// that is linear in the place are tried, in proportion to the column and to its square. That counts where the effect
+    /// lowers the held-out error no more beside them.
+    fn with_all_of_the_field(
+        frame: &Frame<'_>,
+        patterns: &[Pattern],
+        columns: &[Vec<f64>],
+        name: &str,
+        own: &HeldOut,
+    ) -> Option<Self> {
+        let all: Vec<Pattern> = LINEAR.iter().chain(patterns).copied().collect();
+        let mut whole = along(frame.data, &all, name, DEGREE);
+        let held_out = frame.held_out(&whole);
+        let sigmas = own.beaten_by(&held_out);
+        whole.extend(columns.iter().cloned());
+        let beside = held_out.beaten_by(&frame.held_out(&whole));
+        (sigmas > CLEARLY && beside <= ALIKE).then(|| Self { column: name.to_owned(), sigmas })
     }
 
     /// Why an effect was not named.
@@ -96,6 +102,16 @@ impl Follows {
     }
 }
 
+/// Patterns times the powers of a column, from the first on.
+fn along(data: &Dataset, patterns: &[Pattern], name: &str, degree: i32) -> Vec<Vec<f64>> {
+    let values = to_unit(data.values(name));
+    let column = |pattern: &Pattern, power: i32| -> Vec<f64> {
+        let of = |row: usize| pattern(data, row).map(|part| part * values[row].powi(power));
+        (0..data.len()).flat_map(|row| of(row).into_iter().take(data.components())).collect()
+    };
+    patterns.iter().flat_map(|pattern| (1..=degree).map(|power| column(pattern, power))).collect()
+}
+
 /// A displacement over the field.
 type Pattern = fn(&Dataset, usize) -> [f64; 2];
 
@@ -107,6 +123,16 @@ const PATTERNS: [Pattern; 6] = [
     |data, row| [-data.values("y")[row], data.values("x")[row]],
     |data, row| [data.values("x")[row].powi(2), data.values("x")[row] * data.values("y")[row]],
     |data, row| [data.values("x")[row] * data.values("y")[row], data.values("y")[row].powi(2)],
+];
+
+/// Shifts, and what is linear in the place.
+const LINEAR: [Pattern; 6] = [
+    |_, _| [1.0, 0.0],
+    |_, _| [0.0, 1.0],
+    |data, row| [data.values("x")[row], 0.0],
+    |data, row| [data.values("y")[row], 0.0],
+    |data, row| [0.0, data.values("x")[row]],
+    |data, row| [0.0, data.values("y")[row]],
 ];
 
 /// The displacement that a column is, in each exposure times a number.
