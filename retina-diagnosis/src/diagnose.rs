@@ -227,6 +227,13 @@ fn search(
             }
         }
     }
+    // What another column describes better is there all the same, whether or not a screen sees it.
+    let aside = found.put_aside.iter().filter(|_| found.accepted.is_empty());
+    for (_, follows) in aside {
+        if !unexplained.covariates.contains(&follows.column) {
+            unexplained.covariates.push(follows.column.clone());
+        }
+    }
     let outliers = fit.weights.outlier.iter().filter(|out| **out).count();
     let insufficient = too_little(data, &noise, &fit.weights);
     let verdict = Verdict::of(Findings {

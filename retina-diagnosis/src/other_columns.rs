@@ -56,7 +56,9 @@ impl Follows {
         let mut found: Vec<Self> = if step { vec![of_own("time_s", DEGREE_OF_TIME)] } else { Vec::new() };
         for name in others {
             found.push(of_own(name, DEGREE));
-            found.extend(Self::with_all_of_the_field(frame, &patterns, columns, name, own));
+            if data.components() == 2 {
+                found.extend(Self::with_all_of_the_field(frame, &patterns, columns, name, own));
+            }
         }
         found.into_iter().filter(|found| found.sigmas > ALIKE).max_by(|a, b| a.sigmas.total_cmp(&b.sigmas))
     }

@@ -76,6 +76,27 @@ fn effects_on_power_are_named_or_in_the_set() {
 }
 
 /// An exponent is one of a power beside a gain, which no sum of logarithms is.
+/// A gain that follows the humidity, in a table that also has a time: no drift of the display or the meter.
+#[test]
+fn a_gain_that_follows_the_humidity_is_no_drift() {
+    let humidity = |series: usize| 45.0 + 2.0 * (0.5 * series as f64).sin() + series as f64;
+    let mut text = String::new();
+    for (row, line) in power(31, &|light, _, _, _| light).lines().enumerate() {
+        if row == 0 {
+            writeln!(text, "{line},time_s,humidity_pct").unwrap();
+            continue;
+        }
+        let series = (row - 1) / 20;
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        let value: f64 = cells[3].parse().unwrap();
+        cells[3] = format!("{:e}", value * (1.0 + 0.005 * (humidity(series) - 45.0)));
+        writeln!(text, "{},{},{}", cells.join(","), 600 * series, humidity(series)).unwrap();
+    }
+    let found = diagnose(&dataset(&setup(), &text), &[], &DiagnoseOptions { flips: 999, seed: 1 });
+    assert_eq!((found.verdict, found.accepted.len()), (Verdict::Unknown, 0), "{:?}", found.accepted);
+    assert!(found.unexplained.covariates.contains(&"humidity_pct".to_owned()), "{:?}", found.unexplained);
+}
+
 #[test]
 fn a_strong_exponent_is_right_within_its_sigma() {
     let setup = setup();
