@@ -12,9 +12,10 @@ use crate::effect_file::EffectOfFile;
 use crate::linear::{Basis, dot, solve_positive};
 use crate::noise::robust_fit;
 use crate::own::{OwnEffect, evaluate, readable_columns};
+use crate::ranking::likeliest;
 use crate::retraced::retraced_by_added;
 use crate::score::{Frame, Score};
-use crate::search::{REFINED, WHOLE_GROUP, likeliest};
+use crate::search::{REFINED, WHOLE_GROUP};
 use crate::series::outlying;
 
 /// An effect added to the baseline.

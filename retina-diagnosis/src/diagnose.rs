@@ -13,12 +13,12 @@ use crate::kept::KeptEffect;
 use crate::next::{NextMeasurement, propose};
 use crate::noise::Weights;
 use crate::physical::{Physical, physical};
+use crate::ranking::Ranked;
 use crate::retraced::retraced;
 use crate::scatter::{Noise, noise};
 use crate::score::Frame;
 use crate::search::{
-    Accepted, FLOOR_NOISE, LEVEL_FIRST, LEVEL_LATER, MOST_ROWS, Prepared, Ranked, Search, WHOLE_GROUP,
-    prepare,
+    Accepted, FLOOR_NOISE, LEVEL_FIRST, LEVEL_LATER, MOST_ROWS, Prepared, Search, WHOLE_GROUP, prepare,
 };
 use crate::series::Outlying;
 use crate::step::Step;

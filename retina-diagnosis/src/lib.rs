@@ -44,6 +44,7 @@ mod pairs;
 mod parts;
 mod physical;
 mod pixel_noise;
+mod ranking;
 mod report;
 mod retraced;
 mod rivals;
