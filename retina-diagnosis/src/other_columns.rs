@@ -1,8 +1,8 @@
 //! Whether what an effect of time or temperature explains follows another column of the table more closely.
 //!
-//! A mount that swells with the humidity moves whole exposures. So do a knock, a drift and a mount that warms up, and one of
-//! them always fits best. But the table says what the humidity was. An effect that the same displacement, in proportion to
-//! another column, beats on exposures left out is not what happened.
+//! A mount that swells with the humidity moves whole exposures. A knock, a drift or a mount that warms up does so too, and
+//! one of them always fits best. But the table has the humidity. If a displacement in proportion to it predicts exposures
+//! that were left out clearly better, the effect is not what happened.
 
 use retina_formats::{EffectId, PointsEffect};
 
@@ -63,9 +63,9 @@ impl Follows {
         found.into_iter().filter(|found| found.sigmas > ALIKE).max_by(|a, b| a.sigmas.total_cmp(&b.sigmas))
     }
 
-    /// A column whose effect changes over the field may leave more than one effect of the catalogue a part. So shifts and all
-    /// that is linear in the place are tried, in proportion to the column and to its square. That counts where the effect
-    /// lowers the held-out error no more beside them.
+    /// The effect of a column may change over the field. Then several effects of the catalogue each fit a part of it. So a
+    /// displacement that is linear in the place is tried, in proportion to the column and to its square. It counts only
+    /// where the catalogue's effect does not lower the held-out error beside it.
     fn with_all_of_the_field(
         frame: &Frame<'_>,
         patterns: &[Pattern],
