@@ -245,13 +245,3 @@ fn check_target(path: &std::path::Path) -> Result<(), Failure> {
         _ => Ok(()),
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use clap::CommandFactory as _;
-
-    #[test]
-    fn the_arguments_are_consistent() {
-        super::Arguments::command().debug_assert();
-    }
-}

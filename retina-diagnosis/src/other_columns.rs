@@ -4,6 +4,8 @@
 //! one of them always fits best. But the table has the humidity. If a displacement in proportion to it predicts exposures
 //! that were left out clearly better, the effect is not what happened.
 
+use std::f64::consts::PI;
+
 use retina_formats::{EffectId, PointsEffect};
 
 use crate::catalogue::{Effect, effects, to_unit};
@@ -16,6 +18,9 @@ const CONDITIONS: [&str; 2] = ["time_s", "temperature_c"];
 /// A displacement depends on another column by a polynomial of this degree, and on time, where a step is asked, by this.
 const DEGREE: i32 = 2;
 const DEGREE_OF_TIME: i32 = 5;
+/// Half periods of the fastest swing in time that a step is held against, and exposures that each of them takes.
+const HALF_PERIODS: usize = 12;
+const EXPOSURES_EACH: usize = 3;
 /// Standard errors of the held-out error by which another column has to be better before an effect is not named.
 const CLEARLY: f64 = 2.5;
 /// And before one of both cannot be told.
@@ -49,32 +54,36 @@ impl Follows {
         let read = |name: &str| known.iter().any(|effect| effect.covariates().contains(&name));
         let others = screened(data).into_iter().filter(|name| !read(name) && steady(data, name));
         let of_own = |name: &str, degree: i32| {
-            let columns = along(data, &patterns, name, degree);
+            let columns = products(data, &patterns, &powers(data, name, degree));
             Self { column: name.to_owned(), sigmas: own.beaten_by(&frame.held_out(&columns)) }
         };
         let step = effect.id == EffectId::Points(PointsEffect::Knock);
+        let of_points = data.components() == 2;
         let mut found: Vec<Self> = if step { vec![of_own("time_s", DEGREE_OF_TIME)] } else { Vec::new() };
+        if step && of_points {
+            let whole = products(data, &[&LINEAR[..], &TILTS[..]].concat(), &swings(data));
+            found.extend(Self::with_all_of_the_field(frame, whole, columns, "time_s", own));
+        }
         for name in others {
             found.push(of_own(name, DEGREE));
-            if data.components() == 2 {
-                found.extend(Self::with_all_of_the_field(frame, &patterns, columns, name, own));
+            if of_points {
+                let whole = products(data, &[&LINEAR[..], &patterns].concat(), &powers(data, name, DEGREE));
+                found.extend(Self::with_all_of_the_field(frame, whole, columns, name, own));
             }
         }
         found.into_iter().filter(|found| found.sigmas > ALIKE).max_by(|a, b| a.sigmas.total_cmp(&b.sigmas))
     }
 
-    /// The effect of a column may change over the field. Then several effects of the catalogue each fit a part of it. So a
-    /// displacement that is linear in the place is tried, in proportion to the column and to its square. It counts only
-    /// where the catalogue's effect does not lower the held-out error beside it.
+    /// The effect of a column may change over the field. Then several effects of the catalogue each fit a part of it. So the
+    /// `whole` of it is tried: displacements over the field times functions of the column. It counts only where the
+    /// catalogue's effect does not lower the held-out error beside it.
     fn with_all_of_the_field(
         frame: &Frame<'_>,
-        patterns: &[Pattern],
+        mut whole: Vec<Vec<f64>>,
         columns: &[Vec<f64>],
         name: &str,
         own: &HeldOut,
     ) -> Option<Self> {
-        let all: Vec<Pattern> = LINEAR.iter().chain(patterns).copied().collect();
-        let mut whole = along(frame.data, &all, name, DEGREE);
         let held_out = frame.held_out(&whole);
         let sigmas = own.beaten_by(&held_out);
         whole.extend(columns.iter().cloned());
@@ -104,14 +113,27 @@ impl Follows {
     }
 }
 
-/// Patterns times the powers of a column, from the first on.
-fn along(data: &Dataset, patterns: &[Pattern], name: &str, degree: i32) -> Vec<Vec<f64>> {
-    let values = to_unit(data.values(name));
-    let column = |pattern: &Pattern, power: i32| -> Vec<f64> {
-        let of = |row: usize| pattern(data, row).map(|part| part * values[row].powi(power));
+/// Each pattern times each function of a row.
+fn products(data: &Dataset, patterns: &[Pattern], functions: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let product = |pattern: &Pattern, function: &[f64]| -> Vec<f64> {
+        let of = |row: usize| pattern(data, row).map(|part| part * function[row]);
         (0..data.len()).flat_map(|row| of(row).into_iter().take(data.components())).collect()
     };
-    patterns.iter().flat_map(|pattern| (1..=degree).map(|power| column(pattern, power))).collect()
+    patterns.iter().flat_map(|pattern| functions.iter().map(move |f| product(pattern, f))).collect()
+}
+
+/// The powers of a column, from the first on.
+fn powers(data: &Dataset, name: &str, degree: i32) -> Vec<Vec<f64>> {
+    let values = to_unit(data.values(name));
+    (1..=degree).map(|power| values.iter().map(|v| v.powi(power)).collect()).collect()
+}
+
+/// Time, and cosines of it whose slope is nothing at its ends.
+fn swings(data: &Dataset) -> Vec<Vec<f64>> {
+    let time = to_unit(data.values("time_s"));
+    let count = HALF_PERIODS.min(data.groups.len() / EXPOSURES_EACH);
+    let cosine = |k: usize| time.iter().map(|t| (k as f64 * PI * (t + 1.0) / 2.0).cos()).collect();
+    [time.clone()].into_iter().chain((1..=count).map(cosine)).collect()
 }
 
 /// A displacement over the field.
@@ -136,6 +158,9 @@ const LINEAR: [Pattern; 6] = [
     |data, row| [0.0, data.values("x")[row]],
     |data, row| [0.0, data.values("y")[row]],
 ];
+
+/// Tilts of the screen or the camera.
+const TILTS: [Pattern; 2] = [PATTERNS[4], PATTERNS[5]];
 
 /// The displacement that a column is, in each exposure times a number.
 fn pattern(data: &Dataset, column: &[f64]) -> Option<Pattern> {

@@ -11,9 +11,7 @@ use std::f32::consts::TAU;
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
-use rustfft::num_complex::Complex32;
-use rustfft::{Fft, FftPlanner};
+use retina_fourier::{Complex32, ComplexPlanner, ComplexToReal, Fft, RealToComplex, real_pair};
 
 use super::kernels::Kernels;
 use super::scene::{SceneLight, margin};
@@ -61,15 +59,15 @@ impl Dense {
             let served = (0..nodes[k]).map(|at| Served::along(kernels, k, at, size_px[k]).shares.len());
             smooth_size(served.max().unwrap_or(0) + 2 * kernels.half_px())
         });
-        let mut real = RealFftPlanner::new();
-        let mut complex = FftPlanner::new();
+        let (rows_forward, rows_back) = real_pair(tile[0]);
+        let mut complex = ComplexPlanner::new();
         let mut dense = Self {
             size_px,
             tile,
-            rows_forward: real.plan_fft_forward(tile[0]),
-            rows_back: real.plan_fft_inverse(tile[0]),
-            columns_forward: complex.plan_fft_forward(tile[1]),
-            columns_back: complex.plan_fft_inverse(tile[1]),
+            rows_forward,
+            rows_back,
+            columns_forward: complex.forward(tile[1]),
+            columns_back: complex.inverse(tile[1]),
             spectra: Vec::new(),
         };
         dense.spectra = (0..3 * nodes[0] * nodes[1])

@@ -1,6 +1,6 @@
 //! Modulation transfer as the pupil's autocorrelation.
 
-use rustfft::num_complex::Complex64;
+use retina_fourier::Complex64;
 use serde::Serialize;
 
 use super::pupil_grid::{PupilGrid, primary_reference};

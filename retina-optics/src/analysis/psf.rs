@@ -7,8 +7,7 @@
 
 use std::f64::consts::TAU;
 
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex64;
+use retina_fourier::{Complex64, forward_f64};
 use serde::Serialize;
 
 use super::pupil_grid::{PupilGrid, primary_reference};
@@ -75,7 +74,7 @@ pub fn psf(
             data[row * side + column] = grid.value(row * pupil_side + column);
         }
     }
-    let fft = FftPlanner::new().plan_fft_forward(side);
+    let fft = forward_f64(side);
     fft.process(&mut data);
     let mut columns: Vec<Complex64> = (0..side * side).map(|i| data[(i % side) * side + i / side]).collect();
     fft.process(&mut columns);

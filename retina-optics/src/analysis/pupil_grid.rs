@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use rustfft::num_complex::Complex64;
+use retina_fourier::Complex64;
 
 use super::wavefront::Reference;
 use super::{to_image, unless_stopped};

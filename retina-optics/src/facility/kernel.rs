@@ -10,9 +10,8 @@
 
 use std::cell::RefCell;
 
+use retina_fourier::{Complex32, ComplexPlanner};
 use retina_simd::{Level, nearest, sine_and_cosine};
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex32;
 
 use super::zernike::{Polynomial, SIDE, WAVEFRONT_TERMS, horner};
 use super::{Imaging, Wavefront};
@@ -261,7 +260,7 @@ fn transform_side(grid: KernelGrid) -> usize {
 
 thread_local! {
     /// It keeps its plans.
-    static PLANNER: RefCell<FftPlanner<f32>> = RefCell::new(FftPlanner::new());
+    static PLANNER: RefCell<ComplexPlanner> = RefCell::new(ComplexPlanner::new());
 }
 
 /// Columns of the two-dimensional transform of a square whose first `filled` rows hold something, one after another.
@@ -271,7 +270,7 @@ fn transform(
     filled: usize,
     columns: impl ExactSizeIterator<Item = usize>,
 ) -> Vec<Complex32> {
-    let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_forward(side));
+    let plan = PLANNER.with_borrow_mut(|planner| planner.forward(side));
     plan.process(&mut values[..filled * side]);
     let mut turned = vec![Complex32::default(); columns.len() * side];
     for (x, turned) in columns.zip(turned.chunks_exact_mut(side)) {
