@@ -8,8 +8,8 @@ use std::f64::consts::TAU;
 use glam::DVec2;
 use rayon::prelude::*;
 use retina_geometry::cubic_shares;
-use retina_optics::facility::{Kernel, Wavefront, tangents};
-use retina_optics::pupil::{PupilPoint, gaussian};
+use retina_optics::facility::{Kernel, PupilSlopes, Wavefront, tangents};
+use retina_optics::pupil::gaussian;
 
 /// Variance of a detector's weight in units of the spot's.
 const WEIGHT_RATIO: f64 = 2.0;
@@ -165,22 +165,21 @@ impl Window {
     }
 }
 
-/// The rays of a spot.
-fn pupil_points() -> Vec<PupilPoint> {
-    gaussian(RINGS, ARMS, 0.0)
-}
-
 /// How a camera samples spots.
 #[derive(Debug, Clone)]
 pub(super) struct Sampling {
     /// Focal length, px.
     focal_px: f64,
-    pupil: Vec<PupilPoint>,
+    /// The rays of a spot: where they pass the pupil, and their shares of the light.
+    rays: PupilSlopes,
+    weights: Vec<f64>,
 }
 
 impl Sampling {
     pub(super) fn new(focal_px: f64) -> Self {
-        Self { focal_px, pupil: pupil_points() }
+        let pupil = gaussian(RINGS, ARMS, 0.0);
+        let rays = PupilSlopes::new(pupil.iter().map(|point| point.at));
+        Self { focal_px, rays, weights: pupil.iter().map(|point| point.weight).collect() }
     }
 
     /// Standard deviation of what spreads a ray, px: the pixel's box, and the diffraction of a clear pupil.
@@ -192,9 +191,11 @@ impl Sampling {
     /// Tangents of the windowed mean of a spectral line's light.
     pub(super) fn middle(&self, nm: f64, wavefront: &Wavefront) -> [f64; 2] {
         let rays: Vec<RayPlace> = self
-            .pupil
-            .iter()
-            .map(|point| (tangents(wavefront.direction(point.at)).map(|t| t * self.focal_px), point.weight))
+            .rays
+            .directions(wavefront)
+            .into_iter()
+            .zip(&self.weights)
+            .map(|(to, weight)| (tangents(to).map(|t| t * self.focal_px), *weight))
             .collect();
         let blur_px = Self::blur_px(self.focal_px, nm, wavefront.pupil_radius_mm);
         windowed_mean(&rays, blur_px).map(|px| px / self.focal_px)

@@ -166,6 +166,7 @@ impl PupilGrid {
 }
 
 /// Share of a square cell (centre, width) inside the unit disc, from 16 x 16 points where the rim cuts it.
+#[inline(always)]
 pub(crate) fn disc_coverage(x: f64, y: f64, width: f64) -> f64 {
     let reach = width * std::f64::consts::FRAC_1_SQRT_2;
     let r = (x * x + y * y).sqrt();

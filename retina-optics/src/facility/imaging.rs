@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::Chebyshev2;
-use super::zernike::{self, Polynomial, SIDE, SlopeFit, WAVEFRONT_TERMS, horner};
+use super::zernike::{self, Polynomial, PupilSlopes, SIDE, SlopeFit, WAVEFRONT_TERMS, horner};
 use crate::pupil::gaussian;
 use crate::{Clipping, Launcher, OpticalSystem, OpticsError, RayBatch, Tracer};
 
@@ -90,15 +90,6 @@ impl Wavefront {
     pub fn plus(mut self, added_mm: &[f64; WAVEFRONT_TERMS]) -> Self {
         self.coefficients_mm.iter_mut().zip(added_mm).for_each(|(c, a)| *c += a);
         self
-    }
-
-    /// Direction cosines of the ray through a pupil point (unit disc): grad V.
-    pub fn direction(&self, pupil: [f64; 2]) -> [f64; 2] {
-        let all = zernike::terms(pupil);
-        [1, 2].map(|axis| {
-            all.iter().zip(&self.coefficients_mm).map(|(t, c)| t[axis] * c).sum::<f64>()
-                / self.pupil_radius_mm
-        })
     }
 }
 
@@ -293,6 +284,7 @@ impl Imaging {
     /// Table against trace between the nodes, over screen, wavelengths and defocus.
     fn measure(&self, launcher: &Launcher) -> Result<ImagingErrors, OpticsError> {
         let points: Vec<[f64; 2]> = gaussian(5, 9, 0.0).iter().map(|p| p.at).chain([[0.0, 1.0]]).collect();
+        let slopes = PupilSlopes::new(points.iter().copied());
         let [low, high] = self.options.wavelengths_nm;
         let side = 7;
         let cases: Vec<(usize, f64, f64)> = [0.03, 0.37, 0.71, 0.98]
@@ -313,8 +305,7 @@ impl Imaging {
                 let exact = joiner.slopes(&points, screen)?;
                 let mut errors = ImagingErrors::default();
                 let mut square = 0.0;
-                for (point, exact) in points.iter().zip(exact.chunks_exact(2)) {
-                    let got = wavefront.direction(*point);
+                for (got, exact) in slopes.directions(&wavefront).into_iter().zip(exact.chunks_exact(2)) {
                     let miss = (got[0] - exact[0]).hypot(got[1] - exact[1]);
                     errors.direction_rad = errors.direction_rad.max(miss);
                     square += miss * miss / points.len() as f64;

@@ -165,19 +165,20 @@ fn add_line(
     let (mut clear, mut covered) = (0.0, 0.0);
     let level = Level::detect();
     let mut coverages = vec![0f32; pupil_side];
+    let in_pupil =
+        |u: f64, v: f64| [jacobian[0][0] * u + jacobian[0][1] * v, jacobian[1][0] * u + jacobian[1][1] * v];
     for row in 0..pupil_side {
         let v = at(row);
-        for (column, covers) in coverages.iter_mut().enumerate() {
-            let u = at(column);
-            let p = [jacobian[0][0] * u + jacobian[0][1] * v, jacobian[1][0] * u + jacobian[1][1] * v];
-            let mut coverage = disc_coverage(p[0], p[1], step);
-            clear += coverage;
-            if coverage > 0.0 && !mask.as_ref().is_none_or(|mask| passes(mask, MASK_SIDE, p)) {
-                coverage = 0.0;
+        level.run(CoverageRow { first: at(0), step, v, jacobian, coverages: &mut coverages });
+        clear += coverages.iter().map(|c| f64::from(*c)).sum::<f64>();
+        if let Some(mask) = &mask {
+            for (column, coverage) in coverages.iter_mut().enumerate() {
+                if !passes(mask, MASK_SIDE, in_pupil(at(column), v)) {
+                    *coverage = 0.0;
+                }
             }
-            covered += coverage;
-            *covers = coverage as f32;
         }
+        covered += coverages.iter().map(|c| f64::from(*c)).sum::<f64>();
         level.run(PupilRow {
             waves: phase.on_row(v),
             first: at(0),
@@ -200,6 +201,31 @@ fn add_line(
         }
     }
     Ok(covered / clear)
+}
+
+/// Shares of a row's cells that lie within the pupil.
+struct CoverageRow<'a> {
+    /// Place of the first cell, and from cell to cell.
+    first: f64,
+    step: f64,
+    /// The row's place.
+    v: f64,
+    /// The pupil's points by places.
+    jacobian: [[f64; 2]; 2],
+    coverages: &'a mut [f32],
+}
+
+impl retina_simd::Kernel for CoverageRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { first, step, v, jacobian: [x, y], coverages } = self;
+        for (column, coverage) in coverages.iter_mut().enumerate() {
+            let u = first + column as f64 * step;
+            *coverage = disc_coverage(x[0] * u + x[1] * v, y[0] * u + y[1] * v, step) as f32;
+        }
+    }
 }
 
 /// A row of the pupil's amplitude.
@@ -293,20 +319,10 @@ impl Kernel {
     pub fn spread(&mut self, [width_px, height_px]: [f64; 2]) {
         let side = self.grid.side();
         let per_px = self.grid.per_px as f64;
-        let mut line = vec![0f32; side];
-        for row in self.values.chunks_exact_mut(side) {
-            boxed(row, &mut line, width_px * per_px);
-            row.copy_from_slice(&line);
-        }
-        let mut column = vec![0f32; side];
-        for x in 0..side {
-            for y in 0..side {
-                column[y] = self.values[y * side + x];
-            }
-            boxed(&column, &mut line, height_px * per_px);
-            for y in 0..side {
-                self.values[y * side + x] = line[y];
-            }
+        let level = Level::detect();
+        for (width, [from_line, from_sample]) in [(width_px, [side, 1]), (height_px, [1, side])] {
+            let width = width * per_px;
+            level.run(Boxed { values: &mut self.values, side, width, from_line, from_sample });
         }
     }
 
@@ -333,40 +349,74 @@ impl Kernel {
     }
 }
 
-/// The mean over a box of `width` samples about each sample, of the function that joins the samples by
-/// straight lines and is 0 beyond them.
-fn boxed(from: &[f32], to: &mut [f32], width: f64) {
-    let count = from.len();
-    // Integral from the first sample to each.
-    let mut integral = Vec::with_capacity(count);
-    let mut sum = 0.0;
-    for i in 0..count {
-        if i > 0 {
-            sum += 0.5 * (f64::from(from[i - 1]) + f64::from(from[i]));
-        }
-        integral.push(sum);
-    }
-    let between = |i: usize, share: f64| {
-        let (a, b) = (f64::from(from[i]), f64::from(from[i + 1]));
-        integral[i] + share * (a + 0.5 * share * (b - a))
-    };
-    let up_to = |x: f64| {
-        let x = x.clamp(0.0, (count - 1) as f64);
-        let i = (x as usize).min(count - 2);
-        between(i, x - i as f64)
-    };
-    // Both ends of all boxes stand at the same place between two samples.
-    let half = width / 2.0;
-    let (after, before) = (half.floor() as usize, half.ceil() as usize);
-    let (share, other) = (half - after as f64, before as f64 - half);
-    let inner = before..(count - 1).saturating_sub(after).max(before);
-    for (i, to) in to.iter_mut().enumerate() {
-        let light = if inner.contains(&i) {
-            between(i + after, share) - between(i - before, other)
-        } else {
-            up_to(i as f64 + half) - up_to(i as f64 - half)
+/// The mean over a box of `width` samples about each sample of each line (row or column), of the function that joins
+/// the samples by straight lines and is 0 beyond them.
+struct Boxed<'a> {
+    values: &'a mut [f32],
+    /// Samples of a line.
+    side: usize,
+    width: f64,
+    /// From line to line, and from sample to sample of a line, in `values`.
+    from_line: usize,
+    from_sample: usize,
+}
+
+/// Lines that are worked on side by side.
+const LINES: usize = 8;
+
+impl retina_simd::Kernel for Boxed<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { values, side, width, from_line, from_sample } = self;
+        // Both ends of all boxes stand at the same place between two samples, but for those beyond the ends.
+        let half = width / 2.0;
+        let (after, before) = (half.floor() as usize, half.ceil() as usize);
+        let (share, other) = (half - after as f64, before as f64 - half);
+        let inner = before..(side - 1).saturating_sub(after).max(before);
+        let held = |x: f64| {
+            let x = x.clamp(0.0, (side - 1) as f64);
+            let i = (x as usize).min(side - 2);
+            (i, x - i as f64)
         };
-        *to = (light / width) as f32;
+        let mut from = vec![[0f64; LINES]; side];
+        // From the first sample to each.
+        let mut integral = vec![[0f64; LINES]; side];
+        for first in (0..side).step_by(LINES) {
+            let count = LINES.min(side - first);
+            for (i, from) in from.iter_mut().enumerate() {
+                for (k, from) in from[..count].iter_mut().enumerate() {
+                    *from = f64::from(values[(first + k) * from_line + i * from_sample]);
+                }
+            }
+            let mut sum = [0f64; LINES];
+            for i in 1..side {
+                for (k, sum) in sum.iter_mut().enumerate() {
+                    *sum += 0.5 * (from[i - 1][k] + from[i][k]);
+                }
+                integral[i] = sum;
+            }
+            for i in 0..side {
+                let [(a, a_share), (b, b_share)] = if inner.contains(&i) {
+                    [(i - before, other), (i + after, share)]
+                } else {
+                    [held(i as f64 - half), held(i as f64 + half)]
+                };
+                let mut mean = [0f32; LINES];
+                let ends = [(from[a], from[a + 1], integral[a]), (from[b], from[b + 1], integral[b])];
+                for (k, mean) in mean.iter_mut().enumerate() {
+                    let up_to = |end: usize, share: f64| {
+                        let (own, next, integral) = (ends[end].0[k], ends[end].1[k], ends[end].2[k]);
+                        integral + share * (own + 0.5 * share * (next - own))
+                    };
+                    *mean = ((up_to(1, b_share) - up_to(0, a_share)) / width) as f32;
+                }
+                for (k, mean) in mean[..count].iter().enumerate() {
+                    values[(first + k) * from_line + i * from_sample] = *mean;
+                }
+            }
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 use super::super::tangents;
 use super::super::tests::reference_wide;
-use super::super::{ImagingOptions, SpotMoments};
+use super::super::{ImagingOptions, PupilSlopes, SpotMoments};
 use std::f64::consts::PI;
 
 use super::*;
@@ -84,12 +84,10 @@ fn the_image_has_the_spots_centroid_and_width() {
         let mut kernel = imaging.kernel(screen, &[(544.0, 1.0)], 0.0, frame(reference), GRID, clear).unwrap();
         assert!((0.0..0.02).contains(&kernel.beyond), "{screen:?}: {}", kernel.beyond);
         let points = gaussian(12, 24, 0.0);
-        let spot: Vec<[f64; 2]> = points
-            .iter()
-            .map(|p| {
-                let to = tangents(wavefront.direction(p.at));
-                [0, 1].map(|k| (to[k] - reference[k]) * WIDE_PX)
-            })
+        let spot: Vec<[f64; 2]> = PupilSlopes::new(points.iter().map(|p| p.at))
+            .directions(&wavefront)
+            .into_iter()
+            .map(|to| [0, 1].map(|k| (tangents(to)[k] - reference[k]) * WIDE_PX))
             .collect();
         let mean = [0, 1].map(|k| points.iter().zip(&spot).map(|(p, s)| p.weight * s[k]).sum::<f64>());
         let centroid = tangents(wavefront.centroid());
@@ -130,8 +128,9 @@ fn both_directions_of_light_agree() {
         let los = facility.line_of_sight(screen, 1).unwrap();
         let wavefront = imaging.wavefront(screen, 544.0, 0.0);
         let points = gaussian(12, 24, 0.0);
-        let mean = [0, 1]
-            .map(|k| points.iter().map(|p| p.weight * tangents(wavefront.direction(p.at))[k]).sum::<f64>());
+        let rays = PupilSlopes::new(points.iter().map(|p| p.at)).directions(&wavefront);
+        let weighted = |k: usize| points.iter().zip(&rays).map(move |(p, to)| p.weight * tangents(*to)[k]);
+        let mean = [0, 1].map(|k| weighted(k).sum::<f64>());
         let miss = (los[0] - mean[0]).hypot(los[1] - mean[1]);
         let spot: SpotMoments = facility.spot(los, 1, 0.0);
         assert!(miss < 0.05 * spot.rms_mm() / 55.4, "{screen:?}: {miss} {}", spot.rms_mm() / 55.4);

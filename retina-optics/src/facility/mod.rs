@@ -23,7 +23,7 @@ pub use chebyshev::Chebyshev2;
 pub use imaging::{Imaging, ImagingErrors, ImagingOptions, Wavefront, tangents};
 pub use kernel::{Kernel, KernelFrame, KernelGrid, SpectralLine, airy_kernel, clear_kernel};
 pub use transmission::TransmissionGrid;
-pub use zernike::{COMA, SlopeFit, TILT, WAVEFRONT_TERMS};
+pub use zernike::{COMA, PupilSlopes, SlopeFit, TILT, WAVEFRONT_TERMS};
 
 use std::f64::consts::PI;
 

@@ -216,6 +216,34 @@ fn factorial(n: usize) -> f64 {
     (1..=n).map(|k| k as f64).product()
 }
 
+/// The terms' slopes at fixed points of the pupil: directions of the rays of many wavefronts through them.
+#[derive(Debug, Clone)]
+pub struct PupilSlopes {
+    /// Of each term: along x and y at each point in turn.
+    slopes: Vec<f64>,
+    columns: usize,
+}
+
+impl PupilSlopes {
+    /// At these points (unit disc).
+    pub fn new(points: impl IntoIterator<Item = [f64; 2]>) -> Self {
+        let all: Vec<_> = points.into_iter().map(terms).collect();
+        let of_term = |k: usize| all.iter().flat_map(move |terms| [terms[k][1], terms[k][2]]);
+        Self { slopes: (0..WAVEFRONT_TERMS).flat_map(of_term).collect(), columns: 2 * all.len() }
+    }
+
+    /// Direction cosines of a wavefront's rays through the points: grad V.
+    pub fn directions(&self, wavefront: &Wavefront) -> Vec<[f64; 2]> {
+        let mut sums = vec![0.0; self.columns];
+        for (slopes, c) in self.slopes.chunks_exact(self.columns.max(1)).zip(&wavefront.coefficients_mm) {
+            sums.iter_mut().zip(slopes).for_each(|(sum, slope)| *sum += slope * c);
+        }
+        sums.chunks_exact(2)
+            .map(|pair| [pair[0], pair[1]].map(|sum| sum / wavefront.pupil_radius_mm))
+            .collect()
+    }
+}
+
 /// Finds a wavefront from its slopes at fixed points of the pupil, by least squares.
 #[derive(Debug, Clone)]
 pub struct SlopeFit {
