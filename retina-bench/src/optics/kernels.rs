@@ -250,11 +250,15 @@ impl Phases {
         let peak = kernel.values.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
         let largest = f32::from(u16::MAX);
         let mut roots = vec![0u16; PER_PX * PER_PX * plane * plane];
-        for y in 0..side {
-            for x in 0..side {
-                let phase = (y % PER_PX) * PER_PX + x % PER_PX;
-                let root = (kernel.values[y * side + x].max(0.0) / peak).sqrt() * largest;
-                roots[(phase * plane + y / PER_PX) * plane + x / PER_PX] = root.round() as u16;
+        for (y, line) in kernel.values.chunks_exact(side).enumerate() {
+            for first in 0..PER_PX {
+                let phase = (y % PER_PX) * PER_PX + first;
+                let start = (phase * plane + y / PER_PX) * plane;
+                let samples = line[first..].iter().step_by(PER_PX);
+                for (root, value) in roots[start..start + plane].iter_mut().zip(samples) {
+                    // The nearest whole number.
+                    *root = ((value.max(0.0) / peak).sqrt() * largest + 0.5) as u16;
+                }
             }
         }
         Self { roots, scale: peak / (largest * largest) }
@@ -269,14 +273,20 @@ impl Phases {
     /// For each r the largest value at a distance of at least r pixels along x or y.
     fn tail(&self, half_px: usize) -> Vec<f32> {
         let plane = 2 * half_px + 1;
-        let mut tail = vec![0f32; half_px + 2];
-        for (at, &root) in self.roots.iter().enumerate() {
-            let (phase, j, i) = (at / (plane * plane), at / plane % plane, at % plane);
-            let y = (PER_PX * j + phase / PER_PX) as f32 / PER_PX as f32 - half_px as f32;
-            let x = (PER_PX * i + phase % PER_PX) as f32 / PER_PX as f32 - half_px as f32;
-            let r = (x.abs().max(y.abs()) as usize).min(tail.len() - 1);
-            tail[r] = tail[r].max(self.value(root));
+        let mut largest = vec![0u16; half_px + 2];
+        // Whole pixels from the middle, by a phase along an axis and the sample in it.
+        let away: [Vec<usize>; PER_PX] = std::array::from_fn(|phase| {
+            (0..plane).map(|at| (PER_PX * at + phase).abs_diff(PER_PX * half_px) / PER_PX).collect()
+        });
+        for (at, row) in self.roots.chunks_exact(plane).enumerate() {
+            let (phase, j) = (at / plane, at % plane);
+            let y = away[phase / PER_PX][j];
+            for (&root, &x) in row.iter().zip(&away[phase % PER_PX]) {
+                let largest = &mut largest[x.max(y)];
+                *largest = root.max(*largest);
+            }
         }
+        let mut tail: Vec<f32> = largest.into_iter().map(|root| self.value(root)).collect();
         for r in (0..tail.len() - 1).rev() {
             tail[r] = tail[r].max(tail[r + 1]);
         }

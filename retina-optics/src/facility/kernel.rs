@@ -161,7 +161,7 @@ fn add_line(
     less_tilt[1] -= c[1] * radius_mm;
     let phase = Polynomial::of_terms(&less_tilt.map(|v| v / lambda_mm)).transformed(jacobian);
     let at = |i: usize| (i as f64 - (pupil_side - 1) as f64 / 2.0) * step;
-    let mut amplitude = vec![Complex32::default(); period * period];
+    let mut amplitude = vec![Complex32::default(); pupil_side * period];
     let (mut clear, mut covered) = (0.0, 0.0);
     let level = Level::detect();
     let mut coverages = vec![0f32; pupil_side];
@@ -189,15 +189,17 @@ fn add_line(
     }
     let (side, half) = (grid.side(), grid.side() / 2);
     // The transform's zero is in the corner.
-    let wrap = |k: usize| (k + period - half) % period;
-    let columns = transform(&mut amplitude, period, pupil_side, (0..side).map(wrap));
+    let wrapped: Vec<usize> = (0..side).map(|k| (k + period - half) % period).collect();
+    let columns = transform(&mut amplitude, period, &wrapped);
     let cell = det.recip() * (step * radius_mm).powi(2);
     // The pupil's area as the samples have it.
     let area = clear * cell;
     let scale = weight * (cell / lambda_mm).powi(2) / area * det / grid.focal_px.powi(2);
-    for (y, line) in sum.chunks_exact_mut(side).enumerate() {
-        for (x, sum) in line.iter_mut().enumerate() {
-            *sum += scale * f64::from(columns[x * period + wrap(y)].norm_sqr());
+    for (block, columns) in columns.chunks(BLOCK * period).enumerate() {
+        for (line, &y) in sum.chunks_exact_mut(side).zip(&wrapped) {
+            for (sum, column) in line[block * BLOCK..].iter_mut().zip(columns.chunks_exact(period)) {
+                *sum += scale * f64::from(column[y].norm_sqr());
+            }
         }
     }
     Ok(covered / clear)
@@ -289,19 +291,20 @@ thread_local! {
     static PLANNER: RefCell<ComplexPlanner> = RefCell::new(ComplexPlanner::new());
 }
 
-/// Columns of the two-dimensional transform of a square whose first `filled` rows hold something, one after another.
-fn transform(
-    values: &mut [Complex32],
-    side: usize,
-    filled: usize,
-    columns: impl ExactSizeIterator<Item = usize>,
-) -> Vec<Complex32> {
+/// Columns that are turned into rows side by side: a line of the cache holds as many numbers or fewer.
+const BLOCK: usize = 16;
+
+/// Columns of the two-dimensional transform of a square, one after another; its first rows are given, the others are
+/// nothing.
+fn transform(rows: &mut [Complex32], side: usize, columns: &[usize]) -> Vec<Complex32> {
     let plan = PLANNER.with_borrow_mut(|planner| planner.forward(side));
-    plan.process(&mut values[..filled * side]);
+    plan.process(rows);
     let mut turned = vec![Complex32::default(); columns.len() * side];
-    for (x, turned) in columns.zip(turned.chunks_exact_mut(side)) {
-        for (y, value) in turned[..filled].iter_mut().enumerate() {
-            *value = values[y * side + x];
+    for (columns, turned) in columns.chunks(BLOCK).zip(turned.chunks_mut(BLOCK * side)) {
+        for (y, row) in rows.chunks_exact(side).enumerate() {
+            for (turned, &x) in turned.chunks_exact_mut(side).zip(columns) {
+                turned[y] = row[x];
+            }
         }
     }
     plan.process(&mut turned);
