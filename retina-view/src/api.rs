@@ -93,6 +93,8 @@ pub(crate) fn router(app: Arc<App>) -> Router {
 
 /// Runs what computes or reads files beside the threads that answer.
 pub(crate) async fn beside(work: impl FnOnce() -> Answer + Send + 'static) -> Answer {
+    // Boxed: of each kind of work the compiler would make the runtime's task anew.
+    let work: Box<dyn FnOnce() -> Answer + Send> = Box::new(work);
     tokio::task::spawn_blocking(work).await.unwrap_or_else(|_| {
         let text =
             "the program failed here; its message is where it was started. This is a fault of the program";

@@ -12,6 +12,8 @@ use retina_navigation::synthetic::{Source, sources};
 use retina_sky::ephemeris::{ASTRONOMICAL_UNIT_M, Ephemeris};
 use retina_sky::observer::Observer;
 
+use crate::common::draws;
+
 const ARCSEC: f64 = std::f64::consts::PI / 648_000.0;
 
 /// The wide configuration of the paper, 16.09 x 12.10 deg.
@@ -170,12 +172,12 @@ fn blind(size: [u32; 2]) -> (StarCamera, StarSolver) {
 }
 
 #[test]
-fn of_2000_fields_of_false_stars_none_is_taken_for_the_sky() {
+fn no_field_of_false_stars_is_taken_for_the_sky() {
     let camera = wide();
     // Every other field at any focal length; a mirrored answer is a false one, too.
     let known = StarSolver::new(&camera, SolverOptions::default());
     let (anything, blind) = blind([2048, 1536]);
-    let accepted: usize = (0..2000u64)
+    let accepted: usize = (0..draws(500))
         .into_par_iter()
         .filter(|seed| {
             let mut random = ChaCha8Rng::seed_from_u64(*seed);

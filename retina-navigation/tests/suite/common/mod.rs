@@ -6,6 +6,11 @@ use rand_distr::{Distribution as _, StandardNormal};
 use retina_geometry::LimbEllipse;
 use retina_image::CameraImage;
 
+/// How many draws a test of chance takes: this many, or as many as `RETINA_SEEDS` says.
+pub(crate) fn draws(usual: u64) -> u64 {
+    std::env::var("RETINA_SEEDS").map_or(usual, |text| text.parse().unwrap())
+}
+
 /// How a disc is drawn.
 #[derive(Clone, Copy)]
 pub(crate) struct Disc {
