@@ -28,6 +28,11 @@ struct Arguments {
     /// Tell on standard error which files are read and written, and how long the command took.
     #[arg(short, long, global = true)]
     verbose: bool,
+    /// Neither read nor write the user's cache folder.
+    ///
+    /// It keeps what is computed of large bodies' shapes before their first frame.
+    #[arg(long, global = true)]
+    no_cache: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -134,6 +139,11 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             output::tell!("{deed} {}, {bytes} bytes", path.display());
         });
     }
+    if !arguments.no_cache
+        && let Some(folder) = cache_folder()
+    {
+        retina_render::keep_bodies_in(folder.join("bodies"));
+    }
     let result = match arguments.command {
         Command::Render(arguments) => command::render::run(arguments),
         Command::Plan(arguments) => command::cluster::plan::run(&arguments),
@@ -183,6 +193,16 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             failure.exit_code()
         }
     }
+}
+
+/// Where the system has a program's cache; `None` where it does not say.
+fn cache_folder() -> Option<std::path::PathBuf> {
+    let folder =
+        |name: &str| std::env::var_os(name).map(std::path::PathBuf::from).filter(|path| path.is_absolute());
+    let base = folder("XDG_CACHE_HOME")
+        .or_else(|| folder("LOCALAPPDATA"))
+        .or_else(|| folder("HOME").map(|home| home.join(".cache")))?;
+    Some(base.join("retina"))
 }
 
 /// A file of one kind is to be written: its folder must be there and its name end as it should.

@@ -19,6 +19,7 @@ mod no_gpu;
 mod placing;
 mod small;
 
+pub use arrays::keep_bodies_in;
 pub use cpu::{CpuRenderer, CpuSampling};
 pub use frame::{BodyModel, BodyState, FrameState, PLANE_NAMES, Planes, Quality, RadianceImage, RenderError};
 #[cfg(feature = "gpu")]

@@ -243,3 +243,29 @@ fn a_body_that_fills_the_image_has_an_automatic_scale() {
     let image = image::open(fixture.path("out/frames/000000.png")).unwrap().to_luma8();
     assert!(image.pixels().all(|pixel| pixel.0[0] > 200), "{:?}", image.get_pixel(80, 50));
 }
+
+/// A body of 58 800 triangles: what is computed of its shape goes into the user's cache folder, and comes from there. The
+/// frames are the same; a file there that is damaged does no harm.
+#[test]
+fn what_is_computed_of_a_large_body_is_kept_for_the_next_run() {
+    let fixture = Fixture::with_frames(1);
+    fs::write(fixture.path("rock.glb"), common::sphere(70)).unwrap();
+    let render = |out: &str, more: &[&str]| {
+        let mut command = fixture.render_command(out, &[&["--backend", "native"], more].concat());
+        assert_done(&command.env("XDG_CACHE_HOME", fixture.path("cache")).output().unwrap());
+        contents(&fixture.path(out).join("frames"))
+    };
+    let kept = || -> Vec<std::path::PathBuf> {
+        let folder = fs::read_dir(fixture.path("cache/retina/bodies"));
+        folder.map_or(Vec::new(), |files| files.map(|file| file.unwrap().path()).collect())
+    };
+    let without = render("without", &["--no-cache"]);
+    assert_eq!(kept().len(), 0);
+    assert_eq!(render("first", &[]), without);
+    let [path] = &kept()[..] else { panic!("{:?}", kept()) };
+    let whole = fs::read(path).unwrap();
+    assert_eq!(render("second", &[]), without);
+    fs::write(path, &whole[..whole.len() / 2]).unwrap();
+    assert_eq!(render("third", &[]), without);
+    assert_eq!((kept().len(), fs::read(path).unwrap() == whole), (1, true));
+}

@@ -1,7 +1,10 @@
 //! The bounding volume hierarchy that rays walk.
 
+use bytemuck::{Pod, Zeroable};
+
 /// A node, depth-first: an inner node's first child is the next node.
-#[derive(Clone, Copy)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub(crate) struct Node {
     pub low: [f32; 3],
     pub high: [f32; 3],
@@ -58,8 +61,7 @@ const LEAF_TRIANGLES: usize = 4;
 const PARALLEL_ABOVE: usize = 4096;
 
 /// Builds the hierarchy of `triangles` over `positions` by binned surface-area splits.
-/// Triangles are numbered from `first_triangle`.
-pub(crate) fn build(positions: &[[f32; 3]], triangles: &[[u32; 3]], first_triangle: u32) -> Hierarchy {
+pub(crate) fn build(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Hierarchy {
     let mut items: Vec<Item> = triangles
         .iter()
         .enumerate()
@@ -84,7 +86,7 @@ pub(crate) fn build(positions: &[[f32; 3]], triangles: &[[u32; 3]], first_triang
         order: Vec::with_capacity(triangles.len()),
     };
     if !items.is_empty() {
-        flatten(&split(&mut items), first_triangle, &mut out);
+        flatten(&split(&mut items), &mut out);
     }
     out
 }
@@ -154,7 +156,7 @@ fn partition(items: &mut [Item], centres: &Bounds) -> usize {
     if middle == 0 || middle == items.len() { half } else { middle }
 }
 
-fn flatten(tree: &Tree, first_triangle: u32, out: &mut Hierarchy) {
+fn flatten(tree: &Tree, out: &mut Hierarchy) {
     let index = out.nodes.len();
     let bounds = match tree {
         Tree::Leaf(bounds, _) | Tree::Inner(bounds, _) => bounds,
@@ -162,13 +164,13 @@ fn flatten(tree: &Tree, first_triangle: u32, out: &mut Hierarchy) {
     out.nodes.push(Node { low: bounds.low, high: bounds.high, escape: 0, first: 0, count: 0 });
     match tree {
         Tree::Leaf(_, triangles) => {
-            out.nodes[index].first = first_triangle + out.order.len() as u32;
+            out.nodes[index].first = out.order.len() as u32;
             out.nodes[index].count = triangles.len() as u32;
             out.order.extend(triangles);
         }
         Tree::Inner(_, children) => {
-            flatten(&children.0, first_triangle, out);
-            flatten(&children.1, first_triangle, out);
+            flatten(&children.0, out);
+            flatten(&children.1, out);
         }
     }
     out.nodes[index].escape = out.nodes.len() as u32;

@@ -13,7 +13,6 @@ use glam::Vec3A;
 use rayon::prelude::*;
 
 use super::bvh::Node;
-use super::types::Vertex;
 
 /// Triangles in a patch; the shader divides triangle indices by it.
 pub(crate) const PATCH: usize = 8;
@@ -24,24 +23,16 @@ const NEAR_RADII: f32 = 3.0;
 const SURROUNDINGS: usize = 16;
 
 /// For each patch its mean normal, and the sine of the Sun's elevation over it above which the Sun is in sight; 2 where
-/// nothing is known. `triangles` and `nodes` are one body's, `first_triangle` where its triangles start.
-pub(crate) fn horizons(
-    vertices: &[Vertex],
-    triangles: &[[u32; 4]],
-    nodes: &[Node],
-    first_triangle: u32,
-) -> Vec<[f32; 4]> {
-    let corner = |index: u32| Vec3A::from_array(vertices[index as usize].position);
-    let corners: Vec<[Vec3A; 3]> =
-        triangles.par_iter().map(|t| [corner(t[0]), corner(t[1]), corner(t[2])]).collect();
-    let discs = discs(&corners, nodes, first_triangle);
-    let body = BodyView { corners: &corners, nodes, discs: &discs };
-    triangles
+/// nothing is known. `corners` and `nodes` are one body's, the triangles in the order of the hierarchy.
+pub(crate) fn horizons(corners: &[[Vec3A; 3]], nodes: &[Node]) -> Vec<[f32; 4]> {
+    let discs = discs(corners, nodes);
+    let body = BodyView { corners, nodes, discs: &discs };
+    corners
         .par_chunks(PATCH)
         .enumerate()
         .map(|(number, patch)| {
             let first = number * PATCH;
-            let (up, sine) = body.bound(first..first + patch.len(), first_triangle);
+            let (up, sine) = body.bound(first..first + patch.len());
             up.extend(if sine > 1.0 { UNKNOWN } else { sine }).to_array()
         })
         .collect()
@@ -78,13 +69,12 @@ const LARGEST_DISC: usize = 1 << 14;
 /// What rounding may take off a disc's size.
 const SLACK: f32 = 1.0 + 1e-5;
 
-fn discs(corners: &[[Vec3A; 3]], nodes: &[Node], first_triangle: u32) -> Vec<Disc> {
+fn discs(corners: &[[Vec3A; 3]], nodes: &[Node]) -> Vec<Disc> {
     // The hierarchy is depth-first: below a node are the triangles from its first leaf's to the
     // next node's.
     let mut starts = vec![corners.len(); nodes.len() + 1];
     for (index, node) in nodes.iter().enumerate().rev() {
-        starts[index] =
-            if node.count > 0 { (node.first - first_triangle) as usize } else { starts[index + 1] };
+        starts[index] = if node.count > 0 { node.first as usize } else { starts[index + 1] };
     }
     nodes
         .par_iter()
@@ -162,7 +152,7 @@ impl Disc {
 }
 
 impl BodyView<'_> {
-    fn bound(&self, patch: Range<usize>, first_triangle: u32) -> (Vec3A, f32) {
+    fn bound(&self, patch: Range<usize>) -> (Vec3A, f32) {
         let (mut up, mut centre, mut count) = (Vec3A::ZERO, Vec3A::ZERO, 0.0);
         for &[a, b, c] in &self.corners[patch.clone()] {
             up += (b - a).cross(c - a);
@@ -205,7 +195,7 @@ impl BodyView<'_> {
                 continue;
             }
             if node.count > 0 {
-                let first = (node.first - first_triangle) as usize;
+                let first = node.first as usize;
                 for triangle in &self.corners[first..first + node.count as usize] {
                     sine = sine.max(self.triangle_bound(triangle, centre, up, radius, lowest, near));
                     if sine > 1.0 {
@@ -281,13 +271,13 @@ mod tests {
                 [[a, b, c], [a, c, d]]
             })
             .collect();
-        let hierarchy = bvh::build(&positions, &triangles, 0);
+        let hierarchy = bvh::build(&positions, &triangles);
         let corners: Vec<[Vec3A; 3]> = hierarchy
             .order
             .iter()
             .map(|&t| triangles[t as usize].map(|v| Vec3A::from_array(positions[v as usize])))
             .collect();
-        let discs = discs(&corners, &hierarchy.nodes, 0);
+        let discs = discs(&corners, &hierarchy.nodes);
         let body = BodyView { corners: &corners, nodes: &hierarchy.nodes, discs: &discs };
         // One node that holds everything: nothing can be passed over.
         let whole = [Node { escape: 1, first: 0, count: corners.len() as u32, ..hierarchy.nodes[0] }];
@@ -295,8 +285,8 @@ mod tests {
         let (mut known, mut shadowed) = (0, 0);
         for first in (0..corners.len()).step_by(7 * PATCH) {
             let patch = first..first + PATCH;
-            let (up, sine) = body.bound(patch.clone(), 0);
-            assert_eq!((up, sine), plain.bound(patch, 0));
+            let (up, sine) = body.bound(patch.clone());
+            assert_eq!((up, sine), plain.bound(patch));
             known += usize::from(sine <= 1.0);
             shadowed += usize::from(sine > 0.3 && sine <= 1.0);
         }

@@ -3,16 +3,19 @@
 
 pub(crate) mod bvh;
 pub(crate) mod horizon;
+mod prepared;
 mod types;
 
 use rayon::prelude::*;
 use retina_model::{AlbedoMap, SlopeMap, Wrap};
 
 pub(crate) use horizon::PATCH;
+pub use prepared::keep_bodies_in;
 pub(crate) use types::{FLAT, Map, NONE, Surface, TWO_SIDED, Vertex};
 
 use crate::BodyModel;
 use bvh::Node;
+use prepared::Prepared;
 
 /// All bodies of a scene, one after the other.
 #[derive(Default)]
@@ -91,9 +94,14 @@ impl SceneArrays {
         let positions: Vec<[f32; 3]> =
             self.vertices[vertex_first as usize..].iter().map(|v| v.position).collect();
         let (node_first, triangle_first) = (self.nodes.len() as u32, self.triangles.len() as u32);
-        let hierarchy = bvh::build(&positions, &shape.triangles, triangle_first);
-        self.nodes.extend(&hierarchy.nodes);
-        self.triangles.extend(hierarchy.order.iter().map(|&triangle| {
+        let Prepared { nodes, order, horizons } = Prepared::of(&positions, &shape.triangles);
+        let bounds_m = nodes.first().map_or([[0.0; 3]; 2], |root| [root.low, root.high]);
+        self.nodes.extend(nodes.into_iter().map(|node| match node.count {
+            0 => node,
+            _ => Node { first: triangle_first + node.first, ..node },
+        }));
+        self.horizons.extend(horizons);
+        self.triangles.extend(order.iter().map(|&triangle| {
             let [a, b, c] = shape.triangles[triangle as usize].map(|corner| vertex_first + corner);
             [a, b, c, surface_first + u32::from(shape.triangle_surface[triangle as usize])]
         }));
@@ -102,12 +110,6 @@ impl SceneArrays {
             self.triangles.resize(self.triangles.len().next_multiple_of(PATCH), last);
         }
         let own_triangles = &self.triangles[triangle_first as usize..];
-        self.horizons.extend(horizon::horizons(
-            &self.vertices,
-            own_triangles,
-            &hierarchy.nodes,
-            triangle_first,
-        ));
         let (vertices, surfaces) = (&self.vertices, &self.surfaces);
         self.corners.par_extend(own_triangles.par_iter().map(|triangle| {
             let two_sided = surfaces[triangle[3] as usize].flags & TWO_SIDED != 0;
@@ -125,7 +127,7 @@ impl SceneArrays {
             triangle_first,
             triangle_count,
             bounding_radius_m: shape.bounding_radius_m(),
-            bounds_m: hierarchy.nodes.first().map_or([[0.0; 3]; 2], |root| [root.low, root.high]),
+            bounds_m,
             double_sided: shape.surfaces.iter().any(|surface| surface.double_sided),
         });
     }
