@@ -6,6 +6,7 @@
 
 use std::f64::consts::PI;
 
+use rayon::prelude::*;
 use retina_formats::{EffectId, PointsEffect};
 
 use crate::catalogue::{Effect, effects, to_unit};
@@ -19,7 +20,7 @@ const CONDITIONS: [&str; 2] = ["time_s", "temperature_c"];
 const DEGREE: i32 = 2;
 const DEGREE_OF_TIME: i32 = 5;
 /// Half periods of the fastest swing in time that a step is held against, and exposures that each of them takes.
-const HALF_PERIODS: usize = 12;
+const HALF_PERIODS: usize = 6;
 const EXPOSURES_EACH: usize = 3;
 /// Standard errors of the held-out error by which another column has to be better before an effect is not named.
 const CLEARLY: f64 = 2.5;
@@ -37,13 +38,16 @@ pub(crate) struct Follows {
 }
 
 impl Follows {
-    /// The column that an effect's form is beaten by most; `own` are its held-out errors.
+    /// The column that an effect's form is beaten by most; `own` are the held-out errors of this variant
+    /// of its forms.
     pub(crate) fn find(
         frame: &Frame<'_>,
         effect: &Effect,
-        columns: &[Vec<f64>],
+        forms: &[Vec<Vec<f64>>],
+        variant: usize,
         own: &HeldOut,
     ) -> Option<Self> {
+        let columns = &forms[variant];
         let data = frame.data;
         if data.pixels().is_some() || !effect.covariates().iter().all(|name| CONDITIONS.contains(name)) {
             return None;
@@ -61,8 +65,7 @@ impl Follows {
         let of_points = data.components() == 2;
         let mut found: Vec<Self> = if step { vec![of_own("time_s", DEGREE_OF_TIME)] } else { Vec::new() };
         if step && of_points {
-            let whole = products(data, &[&LINEAR[..], &TILTS[..]].concat(), &swings(data));
-            found.extend(Self::with_all_of_the_field(frame, whole, columns, "time_s", own));
+            found.extend(Self::a_swing(frame, forms, own));
         }
         for name in others {
             found.push(of_own(name, DEGREE));
@@ -72,6 +75,24 @@ impl Follows {
             }
         }
         found.into_iter().filter(|found| found.sigmas > ALIKE).max_by(|a, b| a.sigmas.total_cmp(&b.sigmas))
+    }
+
+    /// Something may swing in time instead of stepping: a shift, what is linear in the place, or a keystone. It counts only
+    /// where no step at any time lowers the held-out error beside it.
+    fn a_swing(frame: &Frame<'_>, steps: &[Vec<Vec<f64>>], own: &HeldOut) -> Option<Self> {
+        let data = frame.data;
+        let swinging = frame.with(&products(data, &[&LINEAR[..], &TILTS[..]].concat(), &swings(data)));
+        let held_out = swinging.held_out(&[]);
+        let sigmas = own.beaten_by(&held_out);
+        if sigmas <= CLEARLY {
+            return None;
+        }
+        let deviate = |columns: &Vec<Vec<f64>>| swinging.score(columns).deviate();
+        let deviates: Vec<f64> = steps.par_iter().map(deviate).collect();
+        let best = (0..steps.len()).max_by(|&a, &b| deviates[a].total_cmp(&deviates[b]))?;
+        // The best of many steps: by chance it may be a little better.
+        let beside = held_out.beaten_by(&swinging.held_out(&steps[best]));
+        (beside <= CLEARLY).then(|| Self { column: "time_s".to_owned(), sigmas })
     }
 
     /// The effect of a column may change over the field. Then several effects of the catalogue each fit a part of it. So the
@@ -128,12 +149,12 @@ fn powers(data: &Dataset, name: &str, degree: i32) -> Vec<Vec<f64>> {
     (1..=degree).map(|power| values.iter().map(|v| v.powi(power)).collect()).collect()
 }
 
-/// Time, and cosines of it whose slope is nothing at its ends.
+/// A constant (a swing need not have a mean of nothing), time, and cosines of it whose slope is nothing at its ends.
 fn swings(data: &Dataset) -> Vec<Vec<f64>> {
     let time = to_unit(data.values("time_s"));
     let count = HALF_PERIODS.min(data.groups.len() / EXPOSURES_EACH);
     let cosine = |k: usize| time.iter().map(|t| (k as f64 * PI * (t + 1.0) / 2.0).cos()).collect();
-    [time.clone()].into_iter().chain((1..=count).map(cosine)).collect()
+    [vec![1.0; time.len()], time.clone()].into_iter().chain((1..=count).map(cosine)).collect()
 }
 
 /// A displacement over the field.

@@ -249,7 +249,7 @@ impl<'a> Search<'a> {
         };
         let (index, variant) = (best.index, best.variant);
         let follows =
-            Follows::find(&frame, prepared[index].effect, &prepared[index].columns[variant], &best.held_out);
+            Follows::find(&frame, prepared[index].effect, &prepared[index].columns, variant, &best.held_out);
         let follows = match follows {
             Some(follows) if follows.clearly() => {
                 self.first_ranking.get_or_insert(ranking);
