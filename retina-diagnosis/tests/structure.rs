@@ -87,11 +87,12 @@ fn what_follows_another_column_is_no_knock_and_no_drift() {
 /// A keystone and a shift that swing in time: steps of a keystone or a shift explain a part of them, and no knock is named.
 #[test]
 fn what_swings_in_time_is_no_knock() {
-    for (seed, cycles) in [(8, 1.3), (9, 1.3), (8, 2.4)] {
+    for (seed, cycles, arcsec) in [(8, 1.3, 5.0), (9, 1.3, 5.0), (8, 2.4, 10.0)] {
         let effect = move |p: &Point| {
-            let swing = (std::f64::consts::TAU * cycles * p.exposure as f64 / 40.0 + 0.7).sin() * ARCSEC;
+            let phase = std::f64::consts::TAU * cycles * p.exposure as f64 / 40.0 + 0.7;
+            let swing = arcsec * phase.sin() * ARCSEC;
             let [x, y] = [p.r.x / 0.14, p.r.y / 0.14];
-            p.r + swing * DVec2::new(5.0 * x * y + 0.9, 5.0 * y * y - 1.2)
+            p.r + swing * DVec2::new(x * y + 0.18, y * y - 0.24)
         };
         let found = of(Campaign::new(seed), &effect);
         let accepted = &found.accepted;
