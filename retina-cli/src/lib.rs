@@ -140,7 +140,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         });
     }
     if !arguments.no_cache
-        && let Some(folder) = cache_folder()
+        && let Some(folder) = retina_files::user_folder("XDG_CACHE_HOME", ".cache")
     {
         retina_render::keep_bodies_in(folder.join("bodies"));
     }
@@ -193,16 +193,6 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             failure.exit_code()
         }
     }
-}
-
-/// Where the system has a program's cache; `None` where it does not say.
-fn cache_folder() -> Option<std::path::PathBuf> {
-    let folder =
-        |name: &str| std::env::var_os(name).map(std::path::PathBuf::from).filter(|path| path.is_absolute());
-    let base = folder("XDG_CACHE_HOME")
-        .or_else(|| folder("LOCALAPPDATA"))
-        .or_else(|| folder("HOME").map(|home| home.join(".cache")))?;
-    Some(base.join("retina"))
 }
 
 /// A file of one kind is to be written: its folder must be there and its name end as it should.

@@ -38,8 +38,7 @@ pub(crate) struct Follows {
 }
 
 impl Follows {
-    /// The column that an effect's form is beaten by most; `own` are the held-out errors of this variant
-    /// of its forms.
+    /// The column that one of an effect's forms, the `variant`, is beaten by most. Its held-out errors are `own`.
     pub(crate) fn find(
         frame: &Frame<'_>,
         effect: &Effect,

@@ -9,10 +9,12 @@
 //! - [`FitsHeader`]: headers of FITS files.
 //! - [`write_atomic`]: a file exists whole or not at all.
 //! - [`watch_files`]: who wants to know which files are read and written.
+//! - [`user_folder`]: where the system has what a program keeps for its user.
 //! - [`hash_bytes`], [`hash_file`]: BLAKE3, for manifests.
 
 mod error;
 mod fits;
+mod folders;
 mod picture;
 mod shorten;
 mod table;
@@ -22,6 +24,7 @@ mod write;
 
 pub use error::{InputError, Place, Snippet};
 pub use fits::FitsHeader;
+pub use folders::user_folder;
 pub use picture::{MOST_IMAGE_PIXELS, decode_image};
 pub use table::Table;
 pub use toml_file::{nearest, parse_schema, parse_toml, read_schema, read_toml};

@@ -33,11 +33,7 @@ pub struct View {
 
 /// Where sessions are kept if nothing else is said: in the folder that the system has for a program's state.
 pub fn default_state_folder() -> Option<PathBuf> {
-    let folder = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    let base = folder("XDG_STATE_HOME")
-        .or_else(|| folder("LOCALAPPDATA"))
-        .or_else(|| folder("HOME").map(|home| home.join(".local").join("state")))?;
-    Some(base.join("retina").join("view"))
+    Some(retina_files::user_folder("XDG_STATE_HOME", ".local/state")?.join("view"))
 }
 
 /// The pane that shows a given path.
