@@ -32,8 +32,8 @@ const CODE: [&[u8]; 3] =
 
 static FOLDER: OnceLock<PathBuf> = OnceLock::new();
 
-/// From now on this program keeps what it computes of large bodies' shapes in this folder, and reads it from there. The first
-/// call counts. What cannot be written is computed again next time.
+/// Names the folder in which this program keeps what it computes of large bodies' shapes, and from which it reads it. The
+/// first call counts. What cannot be written is computed again next time.
 pub fn keep_bodies_in(folder: PathBuf) {
     let _ = FOLDER.set(folder);
 }
