@@ -44,6 +44,50 @@ fn calibrated(
     (result, Calibration::read(&path, &setup).unwrap())
 }
 
+/// The camera is rolled about its middle: the mapping turns with it, and is as good.
+#[test]
+fn a_camera_may_be_rolled_by_any_angle() {
+    let setup = wide();
+    let middle = DVec2::new(1024.0, 768.0);
+    for degrees in [-90.0f64, 60.0, 180.0] {
+        let mut table = Facility { outliers: 0.0, ..LIKELY }.table(&setup, 20, 150, 3);
+        for row in &mut table.rows {
+            row.camera_px = middle + DVec2::from_angle(degrees.to_radians()).rotate(row.camera_px - middle);
+        }
+        let within = |px: DVec2| px.cmpge(DVec2::ZERO).all() && px.cmple(2.0 * middle).all();
+        table.rows.retain(|row| within(row.camera_px));
+        let result = calibrate(&table, &setup, &CalibrateOptions::default()).unwrap();
+        assert!(result.direct.worst_arcsec < 0.01, "{degrees} deg");
+        assert!(result.heldout.rms_arcsec < 4.0, "{degrees} deg: {}", result.heldout.rms_arcsec);
+        let off = (result.physical.as_ref().unwrap().roll_rad - degrees.to_radians()).sin().abs();
+        assert!(off < 2e-4, "{degrees} deg: {off}");
+    }
+}
+
+/// A hundred points bear a cubic, whatever their levels would need beside it. With fifty it is told that they do not. An
+/// empty cell of `sigma_px` is told, and changes next to nothing.
+#[test]
+fn few_points_bear_the_lens_before_the_light() {
+    let setup = wide();
+    let facility = Facility { outliers: 0.0, coma_arcsec: 0.0, ..LIKELY };
+    let result = calibrate(&facility.table(&setup, 8, 12, 4), &setup, &CalibrateOptions::default()).unwrap();
+    assert!(result.form.degree >= 3 && result.warnings.is_empty(), "{:?}", result.form);
+    let heldout = result.heldout.rms_arcsec;
+    println!("left out {heldout} arcsec");
+    assert!(heldout < 6.0, "{heldout}");
+    let few = calibrate(&facility.table(&setup, 5, 10, 4), &setup, &CalibrateOptions::default()).unwrap();
+    assert!(few.warnings.iter().any(|warning| warning.contains("at least 60 points")), "{:?}", few.warnings);
+
+    let mut table = facility.table(&setup, 20, 100, 4);
+    table.rows.iter_mut().for_each(|row| row.sigma_px = Some(facility.noise_px(l_of(row.digital_count))));
+    let whole = calibrate(&table, &setup, &CalibrateOptions::default()).unwrap();
+    table.rows[7].sigma_px = None;
+    let one_empty = calibrate(&table, &setup, &CalibrateOptions::default()).unwrap();
+    assert_eq!(one_empty.outliers, whole.outliers);
+    assert!((one_empty.heldout.rms_arcsec / whole.heldout.rms_arcsec - 1.0).abs() < 0.01);
+    assert!(one_empty.warnings.iter().any(|warning| warning.contains("1 of 2000 rows")));
+}
+
 #[test]
 fn a_likely_facility_is_found_from_faint_to_bright() {
     let setup = wide();

@@ -1,7 +1,7 @@
 //! Which effect is missing: candidates tested, ranked, accepted one by one, until nothing is left to explain.
 
 use rayon::prelude::*;
-use retina_formats::EffectId;
+use retina_formats::{EffectId, PointsEffect};
 
 use crate::added::{AddedEffect, settled};
 use crate::catalogue::Effect;
@@ -293,6 +293,7 @@ fn search(
             physical.value.abs() / physical.sigma
         ))
     }));
+    notes.extend(by_default_lenses(data, found.accepted.iter().map(|own| prepared[own.index].effect)));
     let rivals = |(set, own): (&Vec<usize>, &Accepted)| {
         set.iter().filter(|i| **i != own.index).map(|&i| prepared[i].effect.name()).collect()
     };
@@ -317,6 +318,28 @@ fn search(
     (diagnosis, Accounts { effects, wander })
 }
 
+/// Says so where an accepted effect was told from its like by lenses that the setup does not name.
+fn by_default_lenses(data: &Dataset, mut accepted: impl Iterator<Item = &'static Effect>) -> Option<String> {
+    use PointsEffect as E;
+    let traced = [
+        E::ScreenTilt,
+        E::ScreenBow,
+        E::CameraPointing,
+        E::OpticalCentre,
+        E::Decentering,
+        E::ThinPrism,
+        E::FluxComa,
+        E::FluxShift,
+    ];
+    let of = accepted.find(|effect| traced.iter().any(|id| effect.id == EffectId::Points(*id)))?;
+    data.default_lenses.then(|| {
+        format!(
+            "the setup names no lenses (optics.system): {} was told from a tilt of the display and other effects of the lenses by the default doublets. With other lenses it may be one of those: name yours, or measure again with the camera rolled by 90 deg",
+            of.name()
+        )
+    })
+}
+
 /// The last accepted effect whose step does not lower the error of what is left out.
 fn idle(steps: &[Step]) -> Option<usize> {
     (1..steps.len()).rev().find(|&k| steps[k].heldout_rms >= steps[k - 1].heldout_rms).map(|k| k - 1)
@@ -325,7 +348,7 @@ fn idle(steps: &[Step]) -> Option<usize> {
 /// The candidate that is one group's own level.
 fn group_candidate(effect: &'static str, outlying: &Outlying, heldout_rms: f64) -> Candidate {
     let offset = Parameter { name: "factor_less_1".to_owned(), value: outlying.offset, sigma: None };
-    let number = Parameter { name: "series_number".to_owned(), value: outlying.group as f64, sigma: None };
+    let number = Parameter { name: "series_index".to_owned(), value: outlying.group as f64, sigma: None };
     Candidate {
         effect,
         p_value: outlying.p_value,

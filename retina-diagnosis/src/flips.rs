@@ -59,7 +59,8 @@ pub(crate) const PARAMETRIC: f64 = 10.0;
 /// many shapes does not set the others' threshold, and the share of flips counts in which any candidate reaches as far
 /// (P. H. Westfall, S. S. Young, Resampling-Based Multiple Testing, 1993, sec. 2.5). An effect that few groups carry,
 /// a step near the end, can be flipped in few ways only; of such the p-value of normal errors with as many degrees of
-/// freedom as groups is taken, times the number of forms and [`PARAMETRIC`], where that is less.
+/// freedom as groups is taken, times the number of forms and [`PARAMETRIC`], where that is less. Its scale is what the
+/// groups scatter by in that form ([`Score::sober_deviate`]): each may have a roll of its own.
 pub(crate) fn p_values(candidates: &[Vec<&Score>], flips: &Flips) -> Vec<f64> {
     let scores: Vec<&Score> = candidates.iter().flatten().copied().collect();
     let rank: usize = scores.iter().map(|score| score.rank()).sum();
@@ -105,6 +106,10 @@ pub(crate) fn p_values(candidates: &[Vec<&Score>], flips: &Flips) -> Vec<f64> {
         .iter()
         .map(|variants| variants.iter().map(|score| score.deviate()).fold(f64::NEG_INFINITY, f64::max))
         .collect();
+    let sober: Vec<f64> = candidates
+        .iter()
+        .map(|variants| variants.iter().map(|score| score.sober_deviate()).fold(f64::NEG_INFINITY, f64::max))
+        .collect();
     // Middle and tail of each candidate's draws, the data themselves being one of them.
     let scales: Vec<(f64, f64)> = (0..candidates.len())
         .map(|c| {
@@ -123,8 +128,9 @@ pub(crate) fn p_values(candidates: &[Vec<&Score>], flips: &Flips) -> Vec<f64> {
         .map(|draw| draw.iter().enumerate().map(|(c, v)| scaled(c, *v)).fold(f64::NEG_INFINITY, f64::max))
         .collect();
     own.iter()
+        .zip(&sober)
         .enumerate()
-        .map(|(c, &own)| {
+        .map(|(c, (&own, &sober))| {
             if own == f64::NEG_INFINITY {
                 return 1.0;
             }
@@ -133,8 +139,8 @@ pub(crate) fn p_values(candidates: &[Vec<&Score>], flips: &Flips) -> Vec<f64> {
             let reached = highest.iter().filter(|h| **h >= height - 1e-9 * height.abs()).count();
             let by_flips = (1 + reached) as f64 / (1 + flips.count()) as f64;
             let least = 1.0 / (1 + flips.count()) as f64;
-            let normal = if flips.units > 2 && own > 0.0 {
-                PARAMETRIC * scores.len() as f64 * two_sided(own, flips.units - 2)
+            let normal = if flips.units > 2 && sober > 0.0 {
+                PARAMETRIC * scores.len() as f64 * two_sided(sober, flips.units - 2)
             } else {
                 1.0
             };

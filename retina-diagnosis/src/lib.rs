@@ -31,6 +31,7 @@ mod json;
 mod kept;
 mod lags;
 mod level;
+mod level_columns;
 mod levels;
 mod levels_left;
 mod linear;

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 use rayon::prelude::*;
 use retina_formats::{EffectId, PointsEffect};
 
-use crate::catalogue::{Effect, effects, to_unit};
+use crate::catalogue::{Effect, is_read, to_unit};
 use crate::data::Dataset;
 use crate::score::{Frame, HeldOut};
 use crate::screens::screened;
@@ -53,9 +53,8 @@ impl Follows {
         }
         let patterns: Vec<Pattern> =
             columns.iter().map(|column| pattern(data, column)).collect::<Option<_>>()?;
-        let known = effects(Some(data.kind));
-        let read = |name: &str| known.iter().any(|effect| effect.covariates().contains(&name));
-        let others = screened(data).into_iter().filter(|name| !read(name) && steady(data, name));
+        let others =
+            screened(data).into_iter().filter(|name| !is_read(data.kind, name) && steady(data, name));
         let of_own = |name: &str, degree: i32| {
             let columns = products(data, &patterns, &powers(data, name, degree));
             Self { column: name.to_owned(), sigmas: own.beaten_by(&frame.held_out(&columns)) }

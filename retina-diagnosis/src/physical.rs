@@ -285,7 +285,7 @@ fn of_power(data: &Dataset, effect: PowerEffect, parameters: &[Parameter]) -> Op
             "set the meter's wavelength for each channel".to_owned(),
         ),
         E::AttenuatorNotChanged => {
-            let number = parameters.iter().find(|p| p.name.ends_with("series_number"))?.value as usize;
+            let number = parameters.iter().find(|p| p.name.ends_with("series_index"))?.value as usize;
             let name = data.groups.get(number).map_or("?", |group| group.name.as_str());
             let value = 1.0 + first.value;
             let remedy =

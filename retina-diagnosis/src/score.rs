@@ -66,6 +66,9 @@ pub(crate) struct Score {
     pub(crate) along: Vec<f64>,
     /// The score.
     pub(crate) statistic: f64,
+    /// The score by what units' contributions scatter by about their common amplitudes, where that is more than the
+    /// weights say: units may each have a roll or a scale of their own.
+    pub(crate) sober: f64,
 }
 
 /// Held-out errors of a model.
@@ -263,7 +266,43 @@ impl<'d> Frame<'d> {
         let along: Vec<f64> =
             (0..kept.len()).map(|i| (0..=i).map(|k| inverse[(i, k)] * sums[k]).sum()).collect();
         let statistic = along.iter().map(|along| along * along).sum();
-        Score { contributions, along, statistic }
+        let dispersion = self.dispersion(c, kept, inverse, &along);
+        let sober = along.iter().zip(dispersion).map(|(along, by)| along * along / by).sum();
+        Score { contributions, along, statistic, sober }
+    }
+
+    /// Along each direction the units' scatter about the common amplitude over what the weights say, 1 or more.
+    ///
+    /// With a the amplitudes along the directions C~ L^-T and e the errors, each unit u has r_u = L^-1 C~_u^T (e - C~ L^-T a)
+    /// left. Where its errors are as the weights say, the squares of r_u have the mean of the diagonal of S_u - S_u^2, with
+    /// S_u = L^-1 C~_u^T C~_u L^-T; over n units about 1 - 1/n in all.
+    fn dispersion(
+        &self,
+        c: faer::MatRef<'_, f64>,
+        kept: &[usize],
+        inverse: &Mat<f64>,
+        along: &[f64],
+    ) -> Vec<f64> {
+        if self.units.count < 2 {
+            return vec![1.0; kept.len()];
+        }
+        let n = self.data.kind.components();
+        let column = |k: usize| c.col(kept[k]).try_as_col_major().map_or(&[][..], |column| column.as_slice());
+        let mut rest = self.error[..self.data.y.len()].to_vec();
+        for k in 0..kept.len() {
+            let amplitude: f64 = (k..kept.len()).map(|i| inverse[(i, k)] * along[i]).sum();
+            rest.iter_mut().zip(column(k)).for_each(|(rest, value)| *rest -= amplitude * value);
+        }
+        let mut raw = Mat::<f64>::zeros(self.units.count, kept.len());
+        for k in 0..kept.len() {
+            for (rows, &unit) in self.units.ranges.iter().zip(&self.units.unit) {
+                let span = rows.start * n..rows.end * n;
+                raw[(unit, k)] += dot(&column(k)[span.clone()], &rest[span]);
+            }
+        }
+        let left = &raw * inverse.transpose();
+        let expected = 1.0 - 1.0 / self.units.count as f64;
+        (0..kept.len()).map(|k| (left.col(k).squared_norm_l2() / expected).max(1.0)).collect()
     }
 
     /// Amplitudes of columns beside the base, with standard deviations; infinite where they depend on each other.
@@ -411,6 +450,11 @@ fn folds(units: usize) -> Vec<Vec<usize>> {
 impl Score {
     pub(crate) fn rank(&self) -> usize {
         self.contributions.ncols()
+    }
+
+    /// The same by errors that scatter from unit to unit as these do.
+    pub(crate) fn sober_deviate(&self) -> f64 {
+        deviate(self.sober, self.rank())
     }
 
     /// The score as a normal deviate, so that ranks can be compared (E. B. Wilson, M. M. Hilferty, PNAS 17, 1931).

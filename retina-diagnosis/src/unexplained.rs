@@ -2,6 +2,7 @@
 
 use crate::flips::{Flips, p_values};
 use crate::lags;
+use crate::level_columns::level_column;
 use crate::pairs::{Look, Shared, look};
 use crate::score::Frame;
 use crate::screens::{columns_of, screen_p_values, screens};
@@ -53,9 +54,10 @@ pub(crate) fn unexplained(
 ) -> Unexplained {
     let data = frame.data;
     let all = screens(frame);
-    // Two tests, of pixels three, the smallest p-value of which counts: it is corrected for their number (Z. Sidak, JASA
-    // 62, 1967).
-    let tests = if data.pixels().is_some() { 3.0 } else { 2.0 };
+    let levels = level_column(frame);
+    // Two tests, of pixels and of levels one more, the smallest p-value of which counts: it is corrected for their number
+    // (Z. Sidak, JASA 62, 1967).
+    let tests = 2.0 + f64::from(u8::from(data.pixels().is_some())) + f64::from(u8::from(levels.is_some()));
     let of_all = |p: f64| -(tests * (-p).ln_1p()).exp_m1();
     let p: Vec<f64> = screen_p_values(&all, flips).into_iter().map(of_all).collect();
     let Look { mut shared, mut visible } = look(frame, PAIRS_SEED, &WAVELENGTHS_PX, FLOOR_SHARED);
@@ -70,7 +72,8 @@ pub(crate) fn unexplained(
     order.sort_by(|&a, &b| all[b].score.deviate().total_cmp(&all[a].score.deviate()));
     let counts = |shared: &&Shared| shared.strength >= FLOOR_SHARED;
     let least_shared = shared.iter().find(counts).map_or(1.0, |shared| of_all(shared.p_value));
-    let p_value = order.first().map_or(1.0, |&i| p[i]).min(least_shared);
+    let of_levels = levels.as_ref().map_or(1.0, |levels| of_all(levels.p_value));
+    let p_value = order.first().map_or(1.0, |&i| p[i]).min(least_shared).min(of_levels);
     let mut width_px = None;
     let mut covariates: Vec<String> = Vec::new();
     let first = order.iter().find(|&&i| p[i] <= level && all[i].score.strength(components) >= floor);
@@ -92,6 +95,8 @@ pub(crate) fn unexplained(
                 }
             }
         }
+    } else if let Some(levels) = levels.filter(|_| of_levels <= level) {
+        covariates.push(levels.name);
     } else if let Some(found) = shared.iter().find(|shared| of_all(shared.p_value) <= level && counts(shared))
     {
         covariates.extend(found.covariates.iter().cloned());

@@ -54,6 +54,60 @@ fn without_structure_a_table_is_adequate_and_says_what_it_would_have_seen() {
     assert!(ripple(0.25).unexplained.p_value > 0.01);
 }
 
+/// The same where each exposure has a value in a column more.
+fn with_column(
+    campaign: Campaign,
+    effect: &dyn Fn(&Point) -> DVec2,
+    name: &str,
+    value: &dyn Fn(usize) -> f64,
+) -> Diagnosis {
+    let mut text = String::new();
+    for (row, line) in campaign.table(&setup(), effect).lines().enumerate() {
+        let cell = match row.checked_sub(1) {
+            None => name.to_owned(),
+            Some(row) => value(row / 50).to_string(),
+        };
+        text.push_str(&format!("{line},{cell}\n"));
+    }
+    diagnose(&dataset(&setup(), &text), &[], &OPTIONS)
+}
+
+/// Numbers from -0.5 to 0.5 that look drawn: fractional parts of multiples of the golden ratio.
+fn drawn(number: usize, step: f64) -> f64 {
+    (0.618_033_988_75 * step * (number as f64 + 1.0)).fract() - 0.5
+}
+
+/// Five periods over a stage's travel: no polynomial in its place follows them, and the scatter of exposures holds them.
+#[test]
+fn a_period_in_another_column_is_seen() {
+    let stage_mm = |exposure: usize| 20.0 * drawn(exposure, 1.0);
+    let swung = |p: &Point| {
+        let turn = DVec2::from_angle(std::f64::consts::TAU * stage_mm(p.exposure) / 4.0);
+        p.r + 2.4 * ARCSEC * turn
+    };
+    let found = with_column(Campaign::new(8), &swung, "stage_mm", &stage_mm);
+    assert_eq!(found.verdict, Verdict::Unknown);
+    assert_eq!(found.unexplained.covariates, ["stage_mm"]);
+    let null = with_column(Campaign::new(8), &nothing, "stage_mm", &stage_mm);
+    assert_eq!(null.verdict, Verdict::Adequate, "{:?}", null.unexplained);
+}
+
+/// Each exposure is rolled by itself, by 2 arcsec at half the camera's width: no step of the mount. A step is named all the
+/// same where there is one, also of the last three exposures alone.
+#[test]
+fn exposures_with_a_roll_each_are_no_knock() {
+    for seed in 0..6 {
+        let rolled = move |p: &Point| {
+            let roll = 4.0 * (0..3).map(|k| drawn(p.exposure, 7.3 + f64::from(seed + 10 * k))).sum::<f64>();
+            p.r + roll / 0.141 * ARCSEC * p.r.perp()
+        };
+        let accepted = of(Campaign::new(20 + u64::from(seed as u32)), &rolled).accepted;
+        assert!(!accepted.contains(&"knock"), "{seed}: {accepted:?}");
+    }
+    let late = |p: &Point| p.r + if p.exposure >= 37 { 2.0 * ARCSEC * DVec2::X } else { DVec2::ZERO };
+    assert_eq!(of(Campaign::new(8), &late).accepted, ["knock"]);
+}
+
 /// A shift that follows the humidity: a knock and a drift explain a part of it, and neither is named. A drift beside a
 /// humidity that means nothing is named.
 #[test]
@@ -62,17 +116,8 @@ fn what_follows_another_column_is_no_knock_and_no_drift() {
         let e = exposure as f64;
         45.0 + 6.0 * ((0.23 * e).sin() + 0.4 * (0.71 * e).cos() + 0.03 * e)
     };
-    let diagnosed = |effect: &dyn Fn(&Point) -> DVec2| {
-        let mut text = String::new();
-        for (row, line) in Campaign::new(8).table(&setup(), effect).lines().enumerate() {
-            let cell = match row.checked_sub(1) {
-                None => "humidity_pct".to_owned(),
-                Some(row) => humidity(row / 50).to_string(),
-            };
-            text.push_str(&format!("{line},{cell}\n"));
-        }
-        diagnose(&dataset(&setup(), &text), &[], &OPTIONS)
-    };
+    let diagnosed =
+        |effect: &dyn Fn(&Point) -> DVec2| with_column(Campaign::new(8), effect, "humidity_pct", &humidity);
     let along = DVec2::new(0.8, -0.6) * ARCSEC;
     let found = diagnosed(&|p: &Point| p.r + 2.0 * along * (humidity(p.exposure) - 45.0) / 6.0);
     assert_eq!((found.verdict, found.accepted.len()), (Verdict::Unknown, 0), "{:?}", found.accepted);

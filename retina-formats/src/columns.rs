@@ -117,14 +117,19 @@ pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), InputError> {
         .map_err(|error| InputError::new(path, format!("cannot be written: {error}")))
 }
 
-/// Puts the extra columns of a further file behind those of the files before it.
+/// Puts the extra columns of a further file behind those of the files before it. A column of words alone, such as a
+/// comment, is none.
 fn extend_extra(
     extra: &mut Vec<ExtraColumn>,
     rows_before: usize,
     table: &Table,
     known: &[&str],
 ) -> Result<(), InputError> {
-    for name in table.columns().iter().filter(|name| !known.contains(&name.as_str())) {
+    let words = |name: &str| {
+        let filled = || (0..table.len()).map(|row| table.text(row, name)).filter(|cell| !cell.is_empty());
+        filled().next().is_some() && filled().all(|cell| cell.parse::<f64>().is_err())
+    };
+    for name in table.columns().iter().filter(|name| !known.contains(&name.as_str()) && !words(name)) {
         if !extra.iter().any(|column| column.name == *name) {
             extra.push(ExtraColumn { name: name.clone(), values: vec![f64::NAN; rows_before] });
         }

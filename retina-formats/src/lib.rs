@@ -20,6 +20,7 @@ mod points;
 mod power;
 mod sample;
 mod setup_stamp;
+mod stated;
 
 pub use calibration::{
     Calibration, CalibrationFile, ChannelCurve, ChannelRecord, CovarianceRecord, DataRecord,
@@ -36,3 +37,4 @@ pub use phase::{PhaseRow, PhaseTable};
 pub use points::{PointRow, PointsTable};
 pub use power::{PowerRow, PowerTable};
 pub use setup_stamp::SetupStamp;
+pub use stated::stated_by_most;

@@ -50,7 +50,7 @@ pub enum DistortionError {
         x: f64,
         /// Line of sight y.
         y: f64,
-        /// |D(r_u) - r_u|.
+        /// |D(r_u) - r_u|, without a turn of the whole image.
         moved: f64,
         /// Determinant of dD/dr_u.
         determinant: f64,
@@ -157,13 +157,16 @@ impl Distortion {
     }
 
     /// Checks over a grid covering the image and a margin of 10 % that D keeps its orientation:
-    /// then it is one-to-one there.
+    /// then it is one-to-one there. A camera may be rolled by any angle: places are compared after D's own turn at the
+    /// middle is taken off.
     ///
     /// # Errors
-    /// [`DistortionError::Folds`] at the first place where it is not.
+    /// [`DistortionError::Folds`] at the first place where it is not, [`DistortionError::TooLarge`] where it moves or
+    /// spreads more than a facility can.
     pub fn check_over(&self, image: &Pinhole) -> Result<(), DistortionError> {
         let (w, h) = (f64::from(image.width_px), f64::from(image.height_px));
         let most = 0.5 * DVec2::new(w / image.fx_px, h / image.fy_px).length();
+        let turned = self.turn_at_the_middle();
         for row in 0..=24 {
             for column in 0..=24 {
                 let fraction = DVec2::new(f64::from(column), f64::from(row)) / 24.0 * 1.2 - 0.1;
@@ -172,13 +175,19 @@ impl Distortion {
                 if !(determinant.is_finite() && determinant > 0.2) {
                     return Err(DistortionError::Folds { x: at.x, y: at.y, determinant });
                 }
-                let moved = (self.distort(at) - at).length();
+                let moved = (self.distort(at) - turned.rotate(at)).length();
                 if !(moved <= most && determinant <= MOST_SPREAD) {
                     return Err(DistortionError::TooLarge { x: at.x, y: at.y, moved, determinant, most });
                 }
             }
         }
         Ok(())
+    }
+
+    /// The turn in D's Jacobian on the axis, as (cos, sin) of its angle: the rotation of the polar decomposition.
+    fn turn_at_the_middle(&self) -> DVec2 {
+        let DMat2 { x_axis, y_axis } = self.jacobian(DVec2::ZERO);
+        DVec2::new(x_axis.x + y_axis.y, x_axis.y - y_axis.x).try_normalize().unwrap_or(DVec2::X)
     }
 }
 
@@ -236,6 +245,31 @@ mod tests {
             // 0.01 arcsec is 4.8e-8 rad.
             prop_assert!((there_and_back - DVec2::new(x, y)).length() < 1e-13);
         }
+    }
+
+    /// A camera that is rolled: the polynomial turns the whole image. Corners move by more than half the diagonal then.
+    #[test]
+    fn a_roll_by_any_angle_is_a_mapping() {
+        let image = Pinhole {
+            fx_px: 5000.0,
+            fy_px: 5000.0,
+            cx_px: 960.0,
+            cy_px: 600.0,
+            width_px: 1920,
+            height_px: 1200,
+        };
+        for degrees in [-180.0f64, -120.0, -90.0, -50.0, 30.0, 60.0, 90.0, 150.0, 179.0] {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            let turned = |x: f64, y: f64| (cos * x - sin * y, sin * x + cos * y);
+            let terms = [(1, 0, 1.0, 0.0), (0, 1, 0.0, 1.0), (3, 0, 0.4, 0.0), (1, 2, 0.4, 0.0)];
+            let rolled = terms.map(|(i, j, x, y)| (i, j, turned(x, y).0, turned(x, y).1));
+            let d = Distortion::from_terms(&rolled);
+            assert!(d.check_over(&image).is_ok(), "{degrees} deg");
+            let at = DVec2::new(0.15, -0.1);
+            assert!((d.undistort(d.distort(at)).unwrap() - at).length() < 1e-13, "{degrees} deg");
+        }
+        let mirrored = Distortion::from_terms(&[(1, 0, -1.0, 0.0), (0, 1, 0.0, 1.0)]);
+        assert!(mirrored.check_over(&image).is_err());
     }
 
     #[test]

@@ -89,6 +89,9 @@ const MARGIN: f64 = 0.02;
 const SCREEN_PITCH_MM: f64 = 0.01;
 /// A calibration is written if its polynomials follow the source's lens within this rms, px per axis.
 const FOLLOWS_PX: f64 = 0.02;
+/// A source's own lens and poses put its corners where they were seen to this part of the image's width: otherwise they
+/// are not of these corners.
+const MOST_REPROJECTED: f64 = 0.02;
 /// Points on each side of the grid over which the polynomials are fitted.
 const GRID: u32 = 24;
 
@@ -101,6 +104,9 @@ impl Boards {
     pub fn write(&self, folder: &Path, options: &ImportOptions) -> Result<Imported, InputError> {
         let mut out = Imported { notes: self.notes.clone(), ..Imported::default() };
         let shown = self.shown(&mut out.notes)?;
+        if let Some(lens) = &self.camera.lens {
+            out.notes.push(self.reprojected(lens, &shown)?);
+        }
         let setup_path = folder.join("setup.toml");
         let text = self.setup_text(&shown, options);
         let setup = Setup::parse(&text, &setup_path)?;
@@ -165,6 +171,29 @@ impl Boards {
                 .help("look at the image size, and at which poses belong to which images"));
         }
         Ok(shown)
+    }
+
+    /// Where the source's own lens and poses put the corners, against where they were seen: what is told of it.
+    fn reprojected(&self, lens: &Lens, shown: &[(usize, Corner, DVec2)]) -> Result<String, InputError> {
+        let off = |(_, corner, _): &(usize, Corner, DVec2)| {
+            lens.pixel(corner.place_camera).map_or(f64::INFINITY, |px| px.distance(corner.camera_px))
+        };
+        let mut off_px: Vec<f64> = shown.iter().map(off).collect();
+        off_px.sort_by(f64::total_cmp);
+        let median_px = off_px[off_px.len() / 2];
+        let most_px = MOST_REPROJECTED * self.camera.size_px.map(f64::from)[0];
+        if median_px.is_nan() || median_px > most_px {
+            return Err(InputError::new(&self.file, "its poses do not put its corners where they were seen")
+                .found(format!("a median distance of {median_px:.1} px by the lens {}", self.camera.model))
+                .expected(format!("at most {most_px:.1} px, {:.0} % of the width", 100.0 * MOST_REPROJECTED))
+                .help(
+                    "are rotation vectors in radians, translations and board in one unit, and images in their order?",
+                ));
+        }
+        Ok(format!(
+            "the source's own lens {} and poses put the corners {median_px:.2} px from where they were seen (median)",
+            self.camera.model
+        ))
     }
 
     fn setup_text(&self, shown: &[(usize, Corner, DVec2)], options: &ImportOptions) -> String {

@@ -73,6 +73,13 @@ pub(crate) fn load_gltf(path: &Path) -> Result<Body, InputError> {
     body.albedo_maps = textures.albedo_maps;
     body.slope_maps = textures.slope_maps;
     body.normalise_albedo(path, "baseColorTexture and baseColorFactor")?;
+    let one_sided = body.surfaces.iter().any(|surface| !surface.double_sided);
+    if one_sided && body.volume_m3() < 0.0 && body.is_closed() {
+        return Err(InputError::new(path, "is inside out: its outside would be black")
+            .found("a closed mesh whose triangles wind clockwise seen from outside")
+            .expected("counter-clockwise, as glTF has it")
+            .help("turn the faces round before the export (Blender: Mesh, Normals, Recalculate Outside)"));
+    }
     Ok(body)
 }
 

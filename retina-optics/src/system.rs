@@ -97,6 +97,8 @@ pub enum Aiming {
 pub(crate) const LONGEST_MM: f64 = 1e6;
 /// Largest tangent of a field: 89.4 degrees.
 pub(crate) const LARGEST_TAN: f64 = 100.0;
+/// Wavelengths that lenses are made for and far beyond, nm: extreme ultraviolet to a millimetre.
+const WAVELENGTHS_NM: std::ops::RangeInclusive<f64> = 10.0..=1e6;
 
 /// A lens system: the last surface is the image surface.
 #[derive(Debug, Clone, PartialEq)]
@@ -207,6 +209,16 @@ impl OpticalSystem {
         }
         if self.stop >= count - 1 {
             return Err(error("stop".into(), "the stop is no surface before the image").found(self.stop + 1));
+        }
+        for (i, wavelength) in self.wavelengths.iter().enumerate() {
+            if !WAVELENGTHS_NM.contains(&wavelength.nm) {
+                let error =
+                    error(format!("wavelength {}", i + 1), "this is no wavelength of light in nanometres")
+                        .found(wavelength.nm)
+                        .expected(format!("{} to {} nm", WAVELENGTHS_NM.start(), WAVELENGTHS_NM.end()));
+                let micrometres = (0.1..10.0).contains(&wavelength.nm);
+                return Err(if micrometres { error.help("micrometres? Multiply by 1000") } else { error });
+            }
         }
         for (i, surface) in self.surfaces.iter().enumerate() {
             check_surface(file, i, surface, i + 1 == count)?;

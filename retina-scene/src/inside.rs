@@ -52,12 +52,37 @@ pub(crate) mod tests {
     /// An octahedron of radius 1 with outward triangles.
     pub(crate) fn octahedron() -> Body {
         let corners = [DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z];
+        body(
+            &corners,
+            vec![[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]],
+        )
+    }
+
+    /// A ball of radius 1 by its longitudes and latitudes, with outward triangles.
+    pub(crate) fn ball(longitudes: u32, latitudes: u32) -> Body {
+        let corner = |row: u32, column: u32| {
+            let latitude = (f64::from(row) / f64::from(latitudes) - 0.5) * std::f64::consts::PI;
+            let longitude = f64::from(column) / f64::from(longitudes) * std::f64::consts::TAU;
+            DVec3::new(latitude.cos() * longitude.cos(), latitude.cos() * longitude.sin(), latitude.sin())
+        };
+        let corners: Vec<DVec3> =
+            (0..=latitudes).flat_map(|row| (0..longitudes).map(move |column| corner(row, column))).collect();
+        let triangles = (0..latitudes)
+            .flat_map(|row| {
+                (0..longitudes).flat_map(move |column| {
+                    let at = |up: u32, right: u32| (row + up) * longitudes + (column + right) % longitudes;
+                    [[at(0, 0), at(0, 1), at(1, 1)], [at(0, 0), at(1, 1), at(1, 0)]]
+                })
+            })
+            .collect();
+        body(&corners, triangles)
+    }
+
+    fn body(corners: &[DVec3], triangles: Vec<[u32; 3]>) -> Body {
         let vertices = corners
             .iter()
             .map(|&position_m| Vertex { position_m, normal: position_m.as_vec3(), uv: glam::Vec2::ZERO })
             .collect();
-        let triangles =
-            vec![[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]];
         let surface = Surface {
             name: String::new(),
             flat: true,
@@ -66,7 +91,8 @@ pub(crate) mod tests {
             slope_map: None,
             double_sided: false,
         };
-        Body { vertices, triangles, triangle_surface: vec![0; 8], surfaces: vec![surface], ..Body::default() }
+        let triangle_surface = vec![0; triangles.len()];
+        Body { vertices, triangles, triangle_surface, surfaces: vec![surface], ..Body::default() }
     }
 
     #[test]

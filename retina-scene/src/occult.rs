@@ -10,6 +10,8 @@ use crate::inside::{is_inside, meets};
 /// A surface hit nearer than this to a place on it, in radii of the body, is the place's own: far above rounding (1e-9 of
 /// the camera's distance), far below relief.
 const OWN_SURFACE: f64 = 1e-6;
+/// Angle by which a ray is turned that passes between triangles, rad: two centimetres on the Moon.
+const BESIDE: f64 = 1e-8;
 
 /// The outline of a body, as far as it hides what is behind.
 #[derive(Debug, Clone)]
@@ -64,12 +66,21 @@ impl Occulter {
     }
 
     /// Distance from the centre of the outermost surface in a direction (unit vector, body axes), m; `None` where there
-    /// is none.
+    /// is none. A ray through an edge or a corner may pass all triangles by rounding: it is then turned by [`BESIDE`].
     pub(crate) fn surface_m(&self, direction_body: DVec3) -> Option<f64> {
-        let met = |corners: &[u32; 3]| {
-            meets(self.corners_of(corners), DVec3::ZERO, direction_body).map(|met| met.distance)
+        let outermost = |direction: DVec3| {
+            let met = |corners: &[u32; 3]| {
+                meets(self.corners_of(corners), DVec3::ZERO, direction).map(|met| met.distance)
+            };
+            self.triangles.par_iter().filter_map(met).reduce_with(f64::max)
         };
-        self.triangles.par_iter().filter_map(met).reduce_with(f64::max)
+        let (along, across) = direction_body.any_orthonormal_pair();
+        let beside = [(1.0, 0.37), (-0.37, 1.0), (-1.0, -0.37), (0.37, -1.0)];
+        outermost(direction_body).or_else(|| {
+            beside.iter().find_map(|(a, b)| {
+                outermost((direction_body + BESIDE * (*a * along + *b * across)).normalize())
+            })
+        })
     }
 
     /// Whether the body hides a place on its own surface (body axes, m) from the camera.
@@ -99,6 +110,25 @@ mod tests {
     use super::*;
     use crate::inside::tests::octahedron;
     use glam::DMat3;
+
+    /// Rays from the centre through the corners and the edges of a ball of longitudes and latitudes, to rounding.
+    #[test]
+    fn rays_through_corners_and_edges_meet_the_surface() {
+        let ball = crate::inside::tests::ball(36, 18);
+        let occulter = Occulter::of(&ball, 1.0);
+        for latitude in (-90..=90).step_by(5) {
+            for longitude in (0..360).step_by(5) {
+                let ((sin_b, cos_b), (sin_l, cos_l)) =
+                    (f64::from(latitude).to_radians().sin_cos(), f64::from(longitude).to_radians().sin_cos());
+                let direction = DVec3::new(cos_b * cos_l, cos_b * sin_l, sin_b);
+                let distance = occulter.surface_m(direction);
+                assert!(
+                    distance.is_some_and(|d| (0.95..1.001).contains(&d)),
+                    "{latitude} {longitude}: {distance:?}"
+                );
+            }
+        }
+    }
 
     #[test]
     fn an_octahedron_hides_what_is_behind_its_outline() {

@@ -222,6 +222,9 @@ impl Input {
         }
         if let Some(lenses) = &lenses {
             data = lenses.put_into(data);
+            if setup.optics.system.is_none() {
+                data = data.with_default_lenses();
+            }
         }
         Ok(TableMaterial { setup, tables, calibration, data, baseline, lenses })
     }

@@ -206,7 +206,7 @@ fn every_phase_function() -> Vec<PhaseFunction> {
     let out = vec![
         PhaseFunction::CONSTANT,
         Exponential { scale_rad: 30f64.to_radians() }.into(),
-        HenyeyGreenstein { asymmetry: 0.3 }.into(),
+        HenyeyGreenstein { asymmetry: -0.3 }.into(),
         Magnitudes { coefficients: [0.03, -1e-4, 1e-6, -1e-9] }.into(),
     ];
     let indices: Vec<u32> = out.iter().map(PhaseFunction::index).collect();

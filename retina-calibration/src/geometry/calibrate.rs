@@ -4,7 +4,7 @@ use glam::DVec2;
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use retina_files::InputError;
-use retina_formats::{MeasuredResponse, PointsTable, ResponseRecord, measured_or_power_law};
+use retina_formats::{MeasuredResponse, PointsTable, ResponseRecord, measured_or_power_law, stated_by_most};
 use retina_geometry::{CalibratedField, InverseDistortion, RingField, Setup};
 use retina_radiometry::magnitude_of_irradiance;
 
@@ -168,8 +168,13 @@ pub fn calibrate(
     weights.jitter_variance *= reduced;
     let inverse = inverse_of(&fit, options, &observations, &weights);
     let direct = direct::fit(&inverse, &setup.facility_pinhole()).ok_or_else(|| {
-        InputError::new(&file, "the mapping found cannot be inverted over the screen")
-            .help("are the points shifted, or do they leave the screen's edges uncovered? Add some there")
+        let error = InputError::new(&file, "the mapping found cannot be inverted over the screen");
+        match of_another_scale(&inverse, setup) {
+            Some(scale) => error.help(scale),
+            None => error.help(
+                "are the points shifted, or do they leave the screen's edges uncovered? Add some there",
+            ),
+        }
     })?;
     let heldout = heldout_residuals(&observations, &groups, &fit, &weights).ok_or_else(undetermined)?;
     let points = results(&observations, &inverse, &residuals, &heldout, &weights);
@@ -191,7 +196,11 @@ pub fn calibrate(
     Ok(GeometryCalibration {
         form,
         response: options.response.as_ref().map(|measured| measured.record.clone()),
-        warnings: warnings(&inverse, setup),
+        warnings: of_another_scale(&inverse, setup)
+            .into_iter()
+            .chain(too_few_points(&observations, widest.degree).filter(|_| options.form.is_none()))
+            .chain(unstated(table))
+            .collect(),
         covariance: (0..4 * n * n).map(|at| covariance[(at / (2 * n), at % (2 * n))]).collect(),
         rings_prior_sigma: RING_SIGMA * reduced.sqrt(),
         brightest_magnitude: magnitude_of_irradiance(response.brightest_w_m2_nm()),
@@ -214,25 +223,45 @@ pub fn calibrate(
 /// A scale that is farther from 1 than this is more likely another camera or magnification than K_f's error.
 const LIKELY_SCALE: f64 = 0.05;
 
-/// What the user ought to know of a mapping.
-fn warnings(inverse: &InverseDistortion, setup: &Setup) -> Vec<String> {
-    let mut out = Vec::new();
+/// Says so where the screen shows lines of sight at another scale than the setup's.
+fn of_another_scale(inverse: &InverseDistortion, setup: &Setup) -> Option<String> {
     let scale = inverse.jacobian(DVec2::ZERO, inverse.reference_log10_irradiance).determinant().abs().sqrt();
-    if (scale - 1.0).abs() > LIKELY_SCALE {
-        out.push(format!(
-        "the screen shows lines of sight at {scale:.4} times the scale of setup `{}`: K_f is {:.1} % off. Is it the setup \
-         of these points (screen, observed_rows_px)? A wrong focal length or pixel pitch does not show here: K_f follows them",
-        setup.name,
-        100.0 * (1.0 - scale).abs()
-    ));
-    }
-    out
+    ((scale - 1.0).abs() > LIKELY_SCALE).then(|| {
+        format!(
+            "the screen shows lines of sight at {scale:.4} times the scale of setup `{}`: K_f is {:.1} % off. Is it the \
+             setup of these points (screen, observed_rows_px)? A wrong focal length or pixel pitch does not show here: \
+             K_f follows them",
+            setup.name,
+            100.0 * (1.0 - scale).abs()
+        )
+    })
+}
+
+/// Says so where the points bear no cubic, which the distortion of a facility's lenses is.
+fn too_few_points(observations: &Observations, degree: u32) -> Option<String> {
+    let wanted = select::points_needed(select::CUBIC);
+    (degree < select::CUBIC).then(|| {
+        format!(
+            "{} points bear a mapping of degree {degree} at most, and the distortion of lenses is cubic: the mapping may be \
+             off by far more than it states. Take at least {wanted} points",
+            observations.len()
+        )
+    })
+}
+
+/// Says so where some rows state no error.
+fn unstated(table: &PointsTable) -> Option<String> {
+    let empty = table.rows.iter().filter(|row| row.sigma_px.is_none()).count();
+    let total = table.rows.len();
+    let filled = stated_by_most(table.rows.iter().map(|row| row.sigma_px)).is_some();
+    (empty > 0 && empty < total).then(|| {
+        let then = if filled { "these take the median of the others" } else { "the column is not used" };
+        format!("column `sigma_px` is empty in {empty} of {total} rows: {then}")
+    })
 }
 
 /// Points that the first weights are found with: outliers and noise show in these as well as in more.
 const SAMPLE: usize = 12_000;
-/// A form of this degree follows the points well enough to tell outliers and the distortion's centre.
-const FOLLOWING_DEGREE: u32 = 5;
 /// Rings reach so much farther than the points: their slope ends at the last knot, which is to lie outside of the field.
 const RINGS_REACH: f64 = 1.02;
 /// Rings' centre is to be known to this part of their reach.
@@ -247,13 +276,7 @@ fn first_weights(
 ) -> Option<(Weights, Domain)> {
     let sample = observations.sample(observations.len().div_ceil(SAMPLE));
     let groups = select::folds(sample.exposures.len());
-    let degree = widest.degree.min(FOLLOWING_DEGREE);
-    let mut form = ModelForm {
-        degree,
-        irradiance_degree: widest.irradiance_degree.min(degree),
-        irradiance_power: widest.irradiance_power.min(2),
-        rings: 0,
-    };
+    let mut form = select::following(&sample, widest);
     let mut domain = Domain { scaling, rings: None };
     let rounds = [Robust::Huber, Robust::Huber, Robust::Huber, Robust::Tukey, Robust::Tukey, Robust::Cut];
     let start = Weights::equal(sample.len());

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use glam::DVec2;
-use retina_formats::{PointRow, PointsTable, log10_irradiance};
+use retina_formats::{PointRow, PointsTable, log10_irradiance, stated_by_most};
 use retina_geometry::Setup;
 use retina_radiometry::ScreenResponse;
 
@@ -36,8 +36,9 @@ impl Observations {
             .map(|&row| log10_irradiance(response, table.rows[row].channel, table.rows[row].digital_count))
             .collect();
         let all = |has: fn(&PointRow) -> bool| order.iter().all(|&row| has(&table.rows[row]));
-        let noise_key: Vec<f64> = if all(|row| row.sigma_px.is_some()) {
-            order.iter().map(|&row| table.rows[row].sigma_px.unwrap_or(1.0).ln()).collect()
+        let stated = stated_by_most(order.iter().map(|&row| table.rows[row].sigma_px));
+        let noise_key: Vec<f64> = if let Some(sigma_px) = stated {
+            sigma_px.iter().map(|sigma_px| sigma_px.ln()).collect()
         } else if all(|row| row.flux_dn.is_some_and(|flux| flux > 0.0)) {
             order.iter().map(|&row| -table.rows[row].flux_dn.unwrap_or(1.0).ln()).collect()
         } else {

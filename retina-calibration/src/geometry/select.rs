@@ -47,31 +47,49 @@ pub(crate) const RINGS: u32 = 16;
 /// Rings add to at least this degree.
 const LEAST_RINGED_DEGREE: u32 = 3;
 
+/// A form of this degree follows the points well enough to tell outliers and the distortion's centre.
+const FOLLOWING_DEGREE: u32 = 5;
+/// The degree of a lens's leading distortion. Without it the mapping of a facility is off by tens of arcseconds.
+pub(crate) const CUBIC: u32 = 3;
+
+/// Points that a plain form of a degree needs.
+pub(crate) fn points_needed(degree: u32) -> usize {
+    ModelForm::plain(degree).len() * POINTS_PER_COLUMN
+}
+
 /// Whether there are enough points for a form.
 pub(crate) fn bears(observations: &Observations, form: &ModelForm) -> bool {
     form.len() * POINTS_PER_COLUMN <= observations.len()
 }
 
-/// The widest form without rings that the data could determine.
+/// The widest form without rings: the highest degree that the points bear by itself, and what their levels bear of the
+/// irradiance. Not every combination of the two is borne.
 pub(crate) fn widest(observations: &Observations, plain: bool) -> ModelForm {
     let mut levels: Vec<f64> = observations.l.clone();
     levels.sort_by(f64::total_cmp);
     // Two levels closer than a quarter of a magnitude are one.
     levels.dedup_by(|b, a| (*b - *a).abs() < 0.1);
     let power = if plain { 0 } else { (levels.len() as u32).saturating_sub(1).min(3) };
-    let mut form =
-        ModelForm { degree: HIGHEST_DEGREE, irradiance_degree: 3, irradiance_power: power, rings: 0 };
-    while !bears(observations, &form) && form.degree > 1 {
-        form.degree -= 1;
-        form.irradiance_degree = form.irradiance_degree.min(form.degree);
-        if form.degree <= 3 {
-            form.irradiance_power = form.irradiance_power.min(1);
-        }
-    }
-    if !bears(observations, &form) {
-        form.irradiance_power = 0;
-    }
-    form
+    let borne = |degree: &u32| bears(observations, &ModelForm::plain(*degree));
+    let degree = (1..=HIGHEST_DEGREE).rev().find(borne).unwrap_or(1);
+    ModelForm { degree, irradiance_degree: degree.min(3), irradiance_power: power, rings: 0 }
+}
+
+/// A form that follows these points well enough to tell outliers: as wide as they bear, with the lens's cubic first, then
+/// a shift with the irradiance.
+pub(crate) fn following(observations: &Observations, widest: ModelForm) -> ModelForm {
+    let degree = widest.degree.min(FOLLOWING_DEGREE);
+    let within = ModelForm {
+        degree,
+        irradiance_degree: widest.irradiance_degree.min(degree),
+        irradiance_power: widest.irradiance_power.min(2),
+        rings: 0,
+    };
+    forms_within(within)
+        .into_iter()
+        .filter(|form| bears(observations, form))
+        .max_by_key(|form| (form.degree.min(CUBIC), form.irradiance_power.min(1), form.len()))
+        .unwrap_or(ModelForm::plain(1))
 }
 
 /// Every form within the widest, without and with rings, judged by the folds; the rungs in order of their coefficients, and
@@ -110,7 +128,8 @@ pub(crate) fn ladder(
             .collect();
         Some((form, squares?))
     };
-    let plain = forms_within(widest);
+    let plain: Vec<ModelForm> =
+        forms_within(widest).into_iter().filter(|form| bears(observations, form)).collect();
     let ringed = plain.iter().filter(|form| rings > 0 && form.degree >= LEAST_RINGED_DEGREE);
     let ringed = ringed.map(|form| ModelForm { rings, ..*form }).filter(|form| bears(observations, form));
     let forms: Vec<ModelForm> = plain.iter().copied().chain(ringed).collect();

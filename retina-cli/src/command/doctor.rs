@@ -113,8 +113,24 @@ fn graphics() -> Finding {
     }
 }
 
+/// What is kept outside the folders that the user names: prepared bodies, and what the page remembers.
 fn kept_memory() -> Finding {
-    Finding::new("caches", "none: RETINA keeps nothing outside the folders that you name")
+    let own = [
+        ("prepared bodies", retina_files::user_folder("XDG_CACHE_HOME", ".cache"), "bodies"),
+        ("the page's projects", retina_files::user_folder("XDG_STATE_HOME", ".local/state"), "view"),
+    ];
+    let kept = own.into_iter().filter_map(|(what, folder, name)| {
+        let folder = folder?.join(name);
+        let files = std::fs::read_dir(&folder).ok()?;
+        let bytes: u64 = files.filter_map(|file| file.ok()?.metadata().ok()).map(|data| data.len()).sum();
+        Some(format!("{what}: {} MB in {}", bytes.div_ceil(1 << 20), folder.display()))
+    });
+    let kept: Vec<String> = kept.collect();
+    if kept.is_empty() {
+        return Finding::new("caches", "none");
+    }
+    Finding::new("caches", kept.join("; "))
+        .advice("these may be deleted at any time; --no-cache keeps no bodies")
 }
 
 fn browser() -> Finding {

@@ -189,6 +189,11 @@ fn lag(mut order: Vec<usize>, time_s: &[f64], values: &[f64], tau_s: f64, out: &
     }
 }
 
+/// Whether an effect of the catalogue reads a column of such a table.
+pub(crate) fn is_read(kind: TableKind, column: &str) -> bool {
+    effects(Some(kind)).iter().any(|effect| effect.covariates().contains(&column))
+}
+
 /// Values shifted and scaled to half a range of 1.
 pub(crate) fn to_unit(values: &[f64]) -> Vec<f64> {
     let (low, high) =

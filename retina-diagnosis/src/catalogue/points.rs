@@ -72,7 +72,7 @@ pub(super) fn entry(effect: PointsEffect) -> Entry {
             bow
         ),
         E::FluxComa => entry!(
-            "a g(L) r^p (x, y), L = log10 of the irradiance; steady: a K(r) (x, y), K by rays through a window",
+            "a l r^p (x, y), l = log10 of the irradiance from -1 at the faintest to 1 at the brightest point; steady: a K(r) (x, y), K by rays through a window",
             "the facility's paper, Fig. 10",
             &["log10_irradiance", "r"],
             "1 to 15 arcsec",
@@ -80,7 +80,7 @@ pub(super) fn entry(effect: PointsEffect) -> Entry {
             flux_coma
         ),
         E::FluxShift => entry!(
-            "(a, b) g(L); steady: Q(r) (a, b) + (P(r) - Q(r)) ((a, b) . e) e on the radius e, P and Q by rays",
+            "(a, b) l, l = log10 of the irradiance from -1 at the faintest to 1 at the brightest point; steady: Q(r) (a, b) + (P(r) - Q(r)) ((a, b) . e) e on the radius e, P and Q by rays",
             "coma of a misaligned lens",
             &["log10_irradiance"],
             "0.5 to 5 arcsec",
@@ -88,7 +88,7 @@ pub(super) fn entry(effect: PointsEffect) -> Entry {
             flux_shift
         ),
         E::BackgroundGradient => entry!(
-            "(a, b) / F",
+            "(a, b) F_0 / F, F_0 the irradiance of the faintest point",
             "centroid of a spot on a sloping background",
             &["log10_irradiance"],
             "0.1 to 5 arcsec",

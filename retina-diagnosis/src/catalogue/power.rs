@@ -349,7 +349,7 @@ fn attenuator(data: &Dataset) -> Result<Vec<Variant<'_>>, String> {
         .map(|(g, group)| {
             let rows = group.rows.clone();
             Variant {
-                shape: vec![("series_number", g as f64)],
+                shape: vec![("series_index", g as f64)],
                 leading: vec![term("factor_less_1", lit(data, |i| f64::from(u8::from(rows.contains(&i)))))],
                 further: Vec::new(),
             }

@@ -172,6 +172,7 @@ impl Dataset {
             half_tan: 1.0,
             half_height: 1.0,
             display: None,
+            default_lenses: false,
             display_depth: DisplayDepth::default(),
             tracer: None,
             found_coma: None,

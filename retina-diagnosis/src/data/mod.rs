@@ -140,6 +140,8 @@ pub struct Dataset {
     pub(crate) half_height: f64,
     /// What the lenses make of the display's depth, where they are known (points).
     pub(crate) display: Option<SpotShifts>,
+    /// Whether these are the default ones, which no setup names.
+    pub(crate) default_lenses: bool,
     /// Where the display stands, as far as that is known: the forms of its tilt and bow are those about this place.
     pub(crate) display_depth: DisplayDepth,
     /// Traces the lenses with a coma that was found.
@@ -202,6 +204,13 @@ impl Dataset {
     #[must_use]
     pub fn with_spot_shifts(mut self, rays: SpotShifts) -> Self {
         self.display = Some(rays);
+        self
+    }
+
+    /// And no setup names these lenses: what rests on them is told.
+    #[must_use]
+    pub fn with_default_lenses(mut self) -> Self {
+        self.default_lenses = true;
         self
     }
 

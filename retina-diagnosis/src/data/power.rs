@@ -148,6 +148,7 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
         half_tan: 1.0,
         half_height: 1.0,
         display: None,
+        default_lenses: false,
         display_depth: DisplayDepth::default(),
         tracer: None,
         found_coma: None,

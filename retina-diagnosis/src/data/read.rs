@@ -6,7 +6,9 @@ use std::hash::{Hash, Hasher as _};
 use std::path::Path;
 
 use retina_files::InputError;
-use retina_formats::{Calibration, ExtraColumn, Measurements, RadiometricCalibration, SourceFile};
+use retina_formats::{
+    Calibration, ExtraColumn, Measurements, RadiometricCalibration, SourceFile, stated_by_most,
+};
 use retina_geometry::{LensModel, Setup};
 
 use super::{Covariate, Dataset, phase, points, power};
@@ -161,7 +163,7 @@ pub(super) fn covariates(
     Ok(out)
 }
 
-/// Standard deviations that every row states; where only some do, a note says that they are not used.
+/// Standard deviations that rows state. Where only some do, a note says what becomes of the others.
 pub(super) fn stated(
     column: &str,
     values: impl Iterator<Item = Option<f64>>,
@@ -169,10 +171,12 @@ pub(super) fn stated(
 ) -> Option<Vec<f64>> {
     let values: Vec<Option<f64>> = values.collect();
     let empty = values.iter().filter(|value| value.is_none()).count();
+    let stated = stated_by_most(values.iter().copied());
     if empty > 0 && empty < values.len() {
-        notes.push(format!("column `{column}` is empty in {empty} rows and is not used"));
+        let then = if stated.is_some() { "these take the median of the others" } else { "it is not used" };
+        notes.push(format!("column `{column}` is empty in {empty} of {} rows: {then}", values.len()));
     }
-    values.into_iter().collect()
+    stated
 }
 
 /// Magnitudes that no such quantity has in its unit.

@@ -350,6 +350,9 @@ impl Scenario {
     }
 }
 
+/// Farthest pose from the Sun: beyond it the planets are no longer seen.
+const FARTHEST_AU: f64 = 1000.0;
+
 fn refuse(path: &Path, key: &str, found: f64, expected: &str) -> InputError {
     InputError::new(path, "the value does not fit").at(format!("key `{key}`")).found(found).expected(expected)
 }
@@ -377,6 +380,13 @@ impl File {
             if !fits {
                 return Err(refuse(path, key, value, "a number within reason, above 0 where it is a size"));
             }
+        }
+        let [near, far] = p.sun_distance_au;
+        if !(near > 0.0 && near <= far && far <= FARTHEST_AU) {
+            return Err(InputError::new(path, "the range of distances from the Sun is none")
+                .at("key `poses.sun_distance_au`")
+                .found(format!("[{near}, {far}]"))
+                .expected(format!("the least, then the greatest, above 0 and at most {FARTHEST_AU} au")));
         }
         Ok(())
     }

@@ -58,8 +58,9 @@ pub fn mtf(
                 let axis = usize::from(k == 1);
                 let step = (1e3 / grid.period_um()[axis]).abs();
                 let place = frequency / step;
-                let i = place as usize;
-                if i + 1 < correlation.len() {
+                // Beyond the cut-off there is no contrast.
+                if place < (correlation.len() - 1) as f64 {
+                    let i = place as usize;
                     let t = place - i as f64;
                     sum[k] += wavelength.weight * (correlation[i] * (1.0 - t) + correlation[i + 1] * t);
                 }

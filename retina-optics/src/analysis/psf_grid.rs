@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use serde::Serialize;
 
+use super::pupil_grid::not_converging;
 use super::{launch, refuse_strays, to_image, tracers};
 use crate::OpticsError;
 use crate::launch::Launcher;
@@ -40,6 +41,8 @@ const DIFFRACTION_REACH: f64 = 22.0;
 /// Fewest and most points of the pupil, and most pixels, a side.
 const FEWEST_PUPIL: usize = 128;
 const MOST: usize = 1024;
+/// Pitches that a detector or an analysis may have, um.
+const PITCHES_UM: std::ops::RangeInclusive<f64> = 1e-4..=1e4;
 
 /// A grid on which the PSFs of all fields lie with some 99 % of their light: geometric spot and diffraction
 /// rings. Where that takes more than 1024 pixels it holds less, as [`Psf::energy_on_grid`] says.
@@ -53,6 +56,15 @@ pub fn psf_grid(
     choice: PsfGridChoice,
     clipping: Clipping,
 ) -> Result<PsfGrid, OpticsError> {
+    if let Some(pitch_um) = choice.pitch_um
+        && !PITCHES_UM.contains(&pitch_um)
+    {
+        return Err(OpticsError::Undefined(format!(
+            "a pixel pitch of {pitch_um:.3e} um: from {} to {} um are possible",
+            PITCHES_UM.start(),
+            PITCHES_UM.end()
+        )));
+    }
     let launcher = Launcher::new(system)?;
     let primary = Tracer::new(system, system.primary_nm(), Clipping::Off)?;
     let rim = (0..32).map(|i| {
@@ -86,7 +98,11 @@ pub fn psf_grid(
             }
         }
     }
-    let even = |x: f64| 2 * ((x / 2.0).ceil() as usize);
+    if !(coarsest_um.is_finite() && finest_um > 0.0) {
+        return Err(not_converging());
+    }
+    // Far beyond any grid: no more digits are needed.
+    let even = |x: f64| 2 * ((x / 2.0).min(1e6).ceil() as usize);
     let wanted_um = 2.0 * (spot_um + DIFFRACTION_REACH * coarsest_um);
     let pitch_um = choice.pitch_um.unwrap_or_else(|| {
         let side = choice.side.unwrap_or(MOST) as f64;

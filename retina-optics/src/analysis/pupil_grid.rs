@@ -23,6 +23,18 @@ pub(super) struct PupilGrid {
     pub(super) cosine_per_um: [f64; 2],
 }
 
+/// A beam that is slower than this (f/1e6 at 500 nm) has no focus.
+const LEAST_COSINE_PER_UM: f64 = 1e-6;
+
+/// The error of a beam that has no focus.
+pub(super) fn not_converging() -> OpticsError {
+    OpticsError::Undefined(
+        "the beam does not converge to the image: it has no point spread function and no contrast. An afocal system \
+         needs a lens behind it"
+            .into(),
+    )
+}
+
 /// The chief ray and reference sphere of a field at the primary wavelength.
 pub(super) fn primary_reference(
     system: &OpticalSystem,
@@ -53,6 +65,9 @@ impl PupilGrid {
             (rim(1.0, 0.0)?.x - rim(-1.0, 0.0)?.x) / 2.0 * scale,
             (rim(0.0, 1.0)?.y - rim(0.0, -1.0)?.y) / 2.0 * scale,
         ];
+        if cosine_per_um.iter().any(|c| !c.is_finite() || c.abs() < LEAST_COSINE_PER_UM) {
+            return Err(not_converging());
+        }
         let mut amplitude = vec![0.0; side * side];
         let mut opd_waves = vec![0.0; side * side];
         let waves = 1e6 / wavelength_nm;

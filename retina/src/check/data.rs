@@ -138,7 +138,7 @@ pub(super) fn check_body(path: &Path) -> Result<Checked, InputError> {
         ))
         .says(format!("its surface lies {least:.1} to {most:.1} m from its origin"));
     if most < 100.0 {
-        out = out.note("bodies are in metres: is this one in kilometres? A scene's `scale` changes it");
+        out = out.note("bodies are in metres: is this one in kilometres? Scale it by 1000 before the export");
     }
     Ok(out)
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use retina_batch::FolderState;
 use retina_cluster::Plan;
 use retina_files::{InputError, read_bytes};
-use retina_formats::TableKind;
+use retina_formats::{Measurements, TableKind};
 use retina_geometry::Setup;
 
 /// What was found of one file or folder.
@@ -71,6 +71,19 @@ impl Company {
     fn setup(&self, name: &str) -> Option<Setup> {
         let own = self.setups.iter().find(|setup| setup.name == name).cloned();
         own.or_else(|| Setup::shipped(Path::new(name)))
+    }
+
+    /// The setup of tables: the one that they name, else the only one among the files.
+    fn setup_of(&self, tables: &Measurements) -> Option<Setup> {
+        let stamped = match tables {
+            Measurements::Points(points) => points.files.first().and_then(|file| file.setup.as_ref()),
+            _ => None,
+        };
+        match (stamped, self.setups.as_slice()) {
+            (Some(stamp), given) => self.setup(&stamp.name).or_else(|| given.first().cloned()),
+            (None, [only]) => Some(only.clone()),
+            (None, _) => None,
+        }
     }
 }
 

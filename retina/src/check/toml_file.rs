@@ -214,12 +214,7 @@ fn own_effect(path: &Path, company: &Company) -> Result<Checked, InputError> {
         );
     };
     let tables = Measurements::read(std::slice::from_ref(table))?;
-    let stamped = match &tables {
-        Measurements::Points(points) => points.files.first().and_then(|file| file.setup.clone()),
-        _ => None,
-    };
-    let setup = company.setups.first().cloned().or_else(|| company.setup(&stamped?.name));
-    let Some(setup) = setup else {
+    let Some(setup) = company.setup_of(&tables) else {
         return Ok(
             out.note("its formula is read with a table and its setup: give a setup on the same command line")
         );

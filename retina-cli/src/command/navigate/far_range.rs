@@ -111,9 +111,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let summary = summarise(&results);
     let name = |stem: &str| results_name(stem, None, arguments.shard);
     write(&arguments.out, &format!("{}.svg", name("figure-12")), &report::figure_12(&results))?;
+    let errors = match summary.cross_percentiles_arcsec[0].is_finite() {
+        true => format!(
+            "50 and 95 % within {:.1} and {:.1} arcsec across the boresight, {:.0} and {:.0} about it",
+            summary.cross_percentiles_arcsec[0],
+            summary.cross_percentiles_arcsec[2],
+            summary.about_percentiles_arcsec[0],
+            summary.about_percentiles_arcsec[2],
+        ),
+        false => "no attitude has an error".to_owned(),
+    };
     tell!(
         "attitude found in {:.2} % of {} poses (the paper: {} %), wrong in {}; planet identified in {:.2} % (the paper: {} %), \
-         wrong in {}; 50 and 95 % within {:.1} and {:.1} arcsec across the boresight, {:.0} and {:.0} about it",
+         wrong in {}; {errors}",
         summary.attitude_found_percent,
         summary.poses,
         report::PAPER_ATTITUDE_PERCENT,
@@ -121,10 +131,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         summary.planet_found_percent,
         report::PAPER_PLANET_PERCENT,
         summary.planet_wrong,
-        summary.cross_percentiles_arcsec[0],
-        summary.cross_percentiles_arcsec[2],
-        summary.about_percentiles_arcsec[0],
-        summary.about_percentiles_arcsec[2],
     );
     // The transfer's measurements are as good as all poses have them.
     let whole = arguments.shard.is_none();

@@ -124,8 +124,8 @@ pub(super) fn psf(arguments: &PsfArguments) -> Result<(), Failure> {
         psfs.iter()
             .zip(&energy)
             .map(|(psf, energy)| {
-                let radius = energy.radius_um.iter().zip(&energy.fraction).find(|(_, share)| **share >= 0.8);
-                let radius = radius.map_or("beyond the grid".to_owned(), |(radius, _)| format!("{radius:.2} um"));
+                let radius = first_reaching(&energy.radius_um, &energy.fraction, |share| share - 0.8)
+                    .map_or("beyond the grid".to_owned(), |radius| format!("{radius:.2} um"));
                 format!(
                     "field {:9.6}, {:9.6}: peak {:.4} of the diffraction limit, {:.1} % of the light on the grid, 80 % \
                      of it all within {radius}",
@@ -155,11 +155,22 @@ pub(crate) struct MtfArguments {
     output: Output,
 }
 
+/// The first place at which a sampled curve's `above` is no longer negative, on the straight line between samples.
+fn first_reaching(at: &[f64], values: &[f64], above: impl Fn(f64) -> f64) -> Option<f64> {
+    let i = values.iter().position(|&value| above(value) >= 0.0)?;
+    let Some(before) = i.checked_sub(1) else { return Some(at[i]) };
+    let (low, high) = (above(values[before]), above(values[i]));
+    Some(at[before] + (at[i] - at[before]) * low / (low - high))
+}
+
+/// Beyond it light has no contrast in any lens, cycles/mm.
+const MOST_PER_MM: f64 = 1e6;
+
 pub(super) fn mtf(arguments: &MtfArguments) -> Result<(), Failure> {
     arguments.output.check()?;
-    if !(arguments.highest_per_mm > 0.0 && arguments.highest_per_mm.is_finite()) {
+    if !(arguments.highest_per_mm > 0.0 && arguments.highest_per_mm <= MOST_PER_MM) {
         return Err(Failure::new(format!(
-            "--highest-per-mm must be positive (found {})",
+            "--highest-per-mm must be above 0 and at most {MOST_PER_MM:e} (found {:e})",
             arguments.highest_per_mm
         )));
     }
@@ -175,8 +186,8 @@ pub(super) fn mtf(arguments: &MtfArguments) -> Result<(), Failure> {
         .map_err(failed)?;
     arguments.output.draw(|| Ok(plot::mtf_figure(&system, &curves)))?;
     arguments.output.print("mtf", &json!({ "system": system.name, "fields": curves }), || {
-        let half = |values: &[f64], at: &[f64]| match values.iter().position(|&v| v < 0.5) {
-            Some(i) => format!("below 0.5 from {:.1} /mm", at[i]),
+        let half = |values: &[f64], at: &[f64]| match first_reaching(at, values, |contrast| 0.5 - contrast) {
+            Some(at) => format!("below 0.5 from {at:.1} /mm"),
             None => format!("0.5 or more up to {:.1} /mm", arguments.highest_per_mm),
         };
         curves
