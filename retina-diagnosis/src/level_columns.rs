@@ -164,24 +164,17 @@ fn orthonormal(columns: [Vec<f64>; 2]) -> Vec<Vec<f64>> {
 mod tests {
     use super::*;
 
-    /// Numbers that look drawn: the fractional parts of multiples of the golden ratio.
-    fn drawn(count: usize, step: f64) -> Vec<f64> {
-        (0..count).map(|i| (0.618_033_988_75 * step * (i as f64 + 1.0)).fract()).collect()
-    }
-
     #[test]
     fn a_sine_of_five_periods_shows_and_chance_does_not() {
-        let stage: Vec<f64> = drawn(40, 1.0).iter().map(|v| 20.0 * v).collect();
-        let noise = drawn(40, 7.3);
-        let wave = |v: &f64| (std::f64::consts::TAU * v / 4.0).sin_cos();
-        let swung: Vec<DVec2> = stage
-            .iter()
-            .zip(&noise)
-            .map(|(v, n)| DVec2::from(wave(v)) + 0.6 * DVec2::splat(n - 0.5))
-            .collect();
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let mut drawn = |size: f64| -> Vec<f64> {
+            (0..40).map(|_| size * (rand::RngExt::random::<f64>(&mut random) - 0.5)).collect()
+        };
+        let (stage, noise) = (drawn(20.0), [drawn(1.0), drawn(1.0)]);
+        let chance: Vec<DVec2> = noise[0].iter().zip(&noise[1]).map(|(x, y)| DVec2::new(*x, *y)).collect();
+        let wave = |v: &f64| DVec2::from((std::f64::consts::TAU * v / 4.0).sin_cos());
+        let swung: Vec<DVec2> = stage.iter().zip(&chance).map(|(v, noise)| wave(v) + 0.6 * *noise).collect();
         assert!(by_permutations(&stage, &swung) < 0.001);
-        let chance: Vec<DVec2> =
-            noise.iter().zip(drawn(40, 11.7)).map(|(a, b)| DVec2::new(a - 0.5, b - 0.5)).collect();
         assert!(by_permutations(&stage, &chance) > 0.02);
     }
 }

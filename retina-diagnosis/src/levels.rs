@@ -55,7 +55,9 @@ pub(crate) fn p_value(data: &Dataset, base: &[Vec<f64>], columns: &[Vec<f64>]) -
             })
             .sum();
         let unit = (squares / free as f64).max(1.0);
-        largest = largest.max(ratio_beyond(score.statistic / rank as f64 / unit, rank, free));
+        // A form that is no shift has the scatter of groups in that form.
+        let statistic = score.sober.min(score.statistic / unit);
+        largest = largest.max(ratio_beyond(statistic / rank as f64, rank, free));
     }
     largest
 }

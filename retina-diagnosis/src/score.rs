@@ -273,9 +273,9 @@ impl<'d> Frame<'d> {
 
     /// Along each direction the units' scatter about the common amplitude over what the weights say, 1 or more.
     ///
-    /// With a the amplitudes along the directions C~ L^-T and e the errors, each unit u has r_u = L^-1 C~_u^T (e - C~ L^-T a)
-    /// left. Where its errors are as the weights say, the squares of r_u have the mean of the diagonal of S_u - S_u^2, with
-    /// S_u = L^-1 C~_u^T C~_u L^-T; over n units about 1 - 1/n in all.
+    /// With D = C~ L^-T and a the amplitudes along its columns, a unit u has r = D_u^T (e - D a) left. Where its errors are as
+    /// the weights say, the square of r has the mean s - s^2, s the squares of D_u. Units count alike, however little of the
+    /// form is theirs: those before a step say what roll an exposure has by itself as well as the few behind it.
     fn dispersion(
         &self,
         c: faer::MatRef<'_, f64>,
@@ -283,26 +283,32 @@ impl<'d> Frame<'d> {
         inverse: &Mat<f64>,
         along: &[f64],
     ) -> Vec<f64> {
-        if self.units.count < 2 {
-            return vec![1.0; kept.len()];
+        /// A part of a form that is rounding, and the least that is left of a unit that has all of it.
+        const LEAST: f64 = 1e-9;
+        const LEAST_LEFT: f64 = 1e-3;
+        let (n, length) = (self.data.kind.components(), self.data.y.len());
+        let chosen = Mat::<f64>::from_fn(length, kept.len(), |row, k| c[(row, kept[k])]);
+        let directions = &chosen * inverse.transpose();
+        let mut rest = self.error[..length].to_vec();
+        for (k, along) in along.iter().enumerate() {
+            rest.iter_mut().zip(directions.col_as_slice(k)).for_each(|(rest, value)| *rest -= along * value);
         }
-        let n = self.data.kind.components();
-        let column = |k: usize| c.col(kept[k]).try_as_col_major().map_or(&[][..], |column| column.as_slice());
-        let mut rest = self.error[..self.data.y.len()].to_vec();
-        for k in 0..kept.len() {
-            let amplitude: f64 = (k..kept.len()).map(|i| inverse[(i, k)] * along[i]).sum();
-            rest.iter_mut().zip(column(k)).for_each(|(rest, value)| *rest -= amplitude * value);
-        }
-        let mut raw = Mat::<f64>::zeros(self.units.count, kept.len());
-        for k in 0..kept.len() {
+        let of_direction = |k: usize| {
+            let direction = directions.col_as_slice(k);
+            let mut units = vec![(0.0, 0.0); self.units.count];
             for (rows, &unit) in self.units.ranges.iter().zip(&self.units.unit) {
                 let span = rows.start * n..rows.end * n;
-                raw[(unit, k)] += dot(&column(k)[span.clone()], &rest[span]);
+                units[unit].0 += dot(&direction[span.clone()], &rest[span.clone()]);
+                units[unit].1 += dot(&direction[span.clone()], &direction[span]);
             }
-        }
-        let left = &raw * inverse.transpose();
-        let expected = 1.0 - 1.0 / self.units.count as f64;
-        (0..kept.len()).map(|k| (left.col(k).squared_norm_l2() / expected).max(1.0)).collect()
+            let ratios: Vec<f64> = units
+                .iter()
+                .filter(|(_, own)| *own > LEAST)
+                .map(|(left, own)| left * left / (own * (1.0 - own).max(LEAST_LEFT)))
+                .collect();
+            (ratios.iter().sum::<f64>() / ratios.len().max(1) as f64).max(1.0)
+        };
+        (0..kept.len()).map(of_direction).collect()
     }
 
     /// Amplitudes of columns beside the base, with standard deviations; infinite where they depend on each other.

@@ -17,6 +17,8 @@ const FIELD_DEGREE: usize = 5;
 const SMOOTH_DEGREE: usize = 3;
 /// Half cycles over the ranks of time of what swings: shifts alone, beyond what the degrees above follow.
 const SWINGS: std::ops::RangeInclusive<usize> = 4..=24;
+/// Half cycles of the last band that is also tried linear in the place and as a keystone.
+const SLOW: usize = 6;
 /// Half cycles in a band; bands overlap by half.
 const BAND: usize = 4;
 /// Degree over the ranks of a covariate, for one and two components: the latter have four columns a degree.
@@ -153,6 +155,24 @@ fn definitions(data: &Dataset) -> Vec<(Vec<String>, Vec<Vec<f64>>)> {
             for first in (*SWINGS.start()..=most).step_by(BAND / 2) {
                 let columns = (first..=(first + BAND - 1).min(most)).flat_map(|k| on_axes(&swing(k)));
                 out.push((vec!["time_s".to_owned()], columns.collect()));
+            }
+            // Slow ones that are linear in the place, or a keystone.
+            let (px, py) = (|row: usize| [x[row], 0.0], |row: usize| [0.0, x[row]]);
+            let (qx, qy) = (|row: usize| [y[row], 0.0], |row: usize| [0.0, y[row]]);
+            let (a, b) = (
+                |row: usize| [x[row] * x[row], x[row] * y[row]],
+                |row: usize| [x[row] * y[row], y[row] * y[row]],
+            );
+            let patterns: [&dyn Fn(usize) -> [f64; 2]; 6] = [&px, &py, &qx, &qy, &a, &b];
+            for first in (1..=SLOW.min(most)).step_by(BAND / 2) {
+                let swings = (first..=(first + BAND - 1).min(most)).map(swing);
+                let columns = swings.flat_map(|swing| {
+                    patterns.map(|pattern| {
+                        let at = |(row, swing): (usize, &f64)| pattern(row).map(|v| v * swing);
+                        swing.iter().enumerate().flat_map(at).collect::<Vec<f64>>()
+                    })
+                });
+                out.push((vec!["time_s".to_owned(), "x".into(), "y".into()], columns.collect()));
             }
         }
         let low = field(3);

@@ -161,13 +161,25 @@ fn a_calibration_is_written_where_polynomials_follow_the_lens() {
         "dist_coeff": [[-0.1, 0.02, 0, 0, 0]], "rvecs": [[0, 0, 0.1]], "tvecs": [[-0.15, -0.1, 0.6]],
         "board_width": 7, "board_height": 5, "square_size": 0.05, "image_points": [["#
         .to_owned();
-    // Corners anywhere: the calibration is the lens's, not theirs.
-    let corners: Vec<String> =
-        (0..35).map(|k| format!("[{}, {}]", 150 + 150 * (k % 7), 150 + 150 * (k / 7))).collect();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("narrow.json");
-    std::fs::write(&path, narrow + &corners.join(",") + "]]}").unwrap();
-    let boards = read_opencv(std::slice::from_ref(&path), false).unwrap();
+    let with_corners = |corners: &[DVec2]| {
+        let cells: Vec<String> = corners.iter().map(|px| format!("[{}, {}]", px.x, px.y)).collect();
+        std::fs::write(&path, narrow.clone() + &cells.join(",") + "]]}").unwrap();
+        read_opencv(std::slice::from_ref(&path), false).unwrap()
+    };
+    // Corners anywhere are not those of the poses.
+    let anywhere: Vec<DVec2> = (0..35)
+        .map(|k| DVec2::new(150.0 + 150.0 * f64::from(k % 7), 150.0 + 150.0 * f64::from(k / 7)))
+        .collect();
+    let boards = with_corners(&anywhere);
+    let refused = boards.write(&folder.path().join("out"), &ImportOptions { pixel_um: 5.0 }).unwrap_err();
+    assert!(refused.to_string().contains("poses do not put its corners"), "{refused}");
+    assert!(!folder.path().join("out").exists());
+    let lens = boards.camera.lens.unwrap();
+    let seen: Vec<DVec2> =
+        boards.views[0].corners.iter().map(|corner| lens.pixel(corner.place_camera).unwrap()).collect();
+    let boards = with_corners(&seen);
     let imported = boards.write(&folder.path().join("out"), &ImportOptions { pixel_um: 5.0 }).unwrap();
     assert!(
         imported.notes.iter().any(|n| n.starts_with("calibration.toml holds the lens")),

@@ -71,7 +71,10 @@ pub(crate) mod tests {
             .flat_map(|row| {
                 (0..longitudes).flat_map(move |column| {
                     let at = |up: u32, right: u32| (row + up) * longitudes + (column + right) % longitudes;
-                    [[at(0, 0), at(0, 1), at(1, 1)], [at(0, 0), at(1, 1), at(1, 0)]]
+                    // At the poles one of the two has no area.
+                    let lower = (row > 0).then(|| [at(0, 0), at(0, 1), at(1, 1)]);
+                    let upper = (row + 1 < latitudes).then(|| [at(0, 0), at(1, 1), at(1, 0)]);
+                    lower.into_iter().chain(upper)
                 })
             })
             .collect();
