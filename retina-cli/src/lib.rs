@@ -113,6 +113,11 @@ enum Command {
     Man(command::shell::Man),
 }
 
+/// Where bodies that were prepared for rendering are kept.
+pub(crate) fn bodies_folder() -> Option<std::path::PathBuf> {
+    Some(retina_files::user_folder("XDG_CACHE_HOME", ".cache")?.join("bodies"))
+}
+
 /// Runs the command with these arguments, the program's name first, and gives its exit code.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
@@ -140,9 +145,9 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         });
     }
     if !arguments.no_cache
-        && let Some(folder) = retina_files::user_folder("XDG_CACHE_HOME", ".cache")
+        && let Some(folder) = bodies_folder()
     {
-        retina_render::keep_bodies_in(folder.join("bodies"));
+        retina_render::keep_bodies_in(folder);
     }
     let result = match arguments.command {
         Command::Render(arguments) => command::render::run(arguments),

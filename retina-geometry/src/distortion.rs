@@ -225,6 +225,9 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    const IMAGE: Pinhole =
+        Pinhole { fx_px: 5000.0, fy_px: 5000.0, cx_px: 960.0, cy_px: 600.0, width_px: 1920, height_px: 1200 };
+
     proptest! {
         #[test]
         fn polynomial_is_browns_model(x in -0.2..0.2f64, y in -0.2..0.2f64) {
@@ -250,44 +253,28 @@ mod tests {
     /// A camera that is rolled: the polynomial turns the whole image. Corners move by more than half the diagonal then.
     #[test]
     fn a_roll_by_any_angle_is_a_mapping() {
-        let image = Pinhole {
-            fx_px: 5000.0,
-            fy_px: 5000.0,
-            cx_px: 960.0,
-            cy_px: 600.0,
-            width_px: 1920,
-            height_px: 1200,
-        };
         for degrees in [-180.0f64, -120.0, -90.0, -50.0, 30.0, 60.0, 90.0, 150.0, 179.0] {
             let (sin, cos) = degrees.to_radians().sin_cos();
             let turned = |x: f64, y: f64| (cos * x - sin * y, sin * x + cos * y);
             let terms = [(1, 0, 1.0, 0.0), (0, 1, 0.0, 1.0), (3, 0, 0.4, 0.0), (1, 2, 0.4, 0.0)];
             let rolled = terms.map(|(i, j, x, y)| (i, j, turned(x, y).0, turned(x, y).1));
             let d = Distortion::from_terms(&rolled);
-            assert!(d.check_over(&image).is_ok(), "{degrees} deg");
+            assert!(d.check_over(&IMAGE).is_ok(), "{degrees} deg");
             let at = DVec2::new(0.15, -0.1);
             assert!((d.undistort(d.distort(at)).unwrap() - at).length() < 1e-13, "{degrees} deg");
         }
         let mirrored = Distortion::from_terms(&[(1, 0, -1.0, 0.0), (0, 1, 0.0, 1.0)]);
-        assert!(mirrored.check_over(&image).is_err());
+        assert!(mirrored.check_over(&IMAGE).is_err());
     }
 
     #[test]
     fn a_fold_is_found() {
-        let image = Pinhole {
-            fx_px: 5000.0,
-            fy_px: 5000.0,
-            cx_px: 960.0,
-            cy_px: 600.0,
-            width_px: 1920,
-            height_px: 1200,
-        };
-        assert!(Distortion::brown(0.4, 0.0, 0.0).check_over(&image).is_ok());
-        assert!(Distortion::brown(-20.0, 0.0, 0.0).check_over(&image).is_err());
+        assert!(Distortion::brown(0.4, 0.0, 0.0).check_over(&IMAGE).is_ok());
+        assert!(Distortion::brown(-20.0, 0.0, 0.0).check_over(&IMAGE).is_err());
         // Terms that do not fold: a shift, a shear, a magnification, and a cubic one, all beyond measure.
         for term in [(0, 0, 1e7, 0.0), (0, 1, 1e20, 0.0), (1, 0, 1e7, 0.0), (3, 0, 1e7, 0.0)] {
             let d = Distortion::from_terms(&[(1, 0, 1.0, 0.0), (0, 1, 0.0, 1.0), term]);
-            let said = d.check_over(&image).unwrap_err().to_string();
+            let said = d.check_over(&IMAGE).unwrap_err().to_string();
             assert!(said.contains("half of the image's diagonal, and 5 times"), "{said}");
         }
     }

@@ -113,14 +113,14 @@ fn graphics() -> Finding {
     }
 }
 
-/// What is kept outside the folders that the user names: prepared bodies, and what the page remembers.
+/// What is kept outside the folders that the user names: prepared bodies, and the sessions of `retina view`.
 fn kept_memory() -> Finding {
     let own = [
-        ("prepared bodies", retina_files::user_folder("XDG_CACHE_HOME", ".cache"), "bodies"),
-        ("the page's projects", retina_files::user_folder("XDG_STATE_HOME", ".local/state"), "view"),
+        ("prepared bodies", crate::bodies_folder()),
+        ("sessions of the page", retina_view::default_state_folder()),
     ];
-    let kept = own.into_iter().filter_map(|(what, folder, name)| {
-        let folder = folder?.join(name);
+    let kept = own.into_iter().filter_map(|(what, folder)| {
+        let folder = folder?;
         let files = std::fs::read_dir(&folder).ok()?;
         let bytes: u64 = files.filter_map(|file| file.ok()?.metadata().ok()).map(|data| data.len()).sum();
         Some(format!("{what}: {} MB in {}", bytes.div_ceil(1 << 20), folder.display()))
@@ -130,7 +130,7 @@ fn kept_memory() -> Finding {
         return Finding::new("caches", "none");
     }
     Finding::new("caches", kept.join("; "))
-        .advice("these may be deleted at any time; --no-cache keeps no bodies")
+        .advice("the bodies may be deleted at any time, and --no-cache keeps none; the sessions are yours")
 }
 
 fn browser() -> Finding {

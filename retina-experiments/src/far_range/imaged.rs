@@ -13,8 +13,9 @@ use serde::{Deserialize, Serialize};
 
 use super::photograph::Photographer;
 use super::poses::{ARCSEC, FarRangeError, rotation};
-use super::scenario::{Images, Scenario, Transfer};
+use super::scenario::{Images, Scenario};
 use super::transfer::{Course, Standing, chi2_mean_bounds, not_definite};
+use super::transfer_file::Transfer;
 use super::verdict::planet_verdict;
 use crate::lines::{Line, append, read_done};
 use retina_navigation::filter::{Filter, PhaseState};

@@ -13,10 +13,12 @@ mod poses;
 pub mod report;
 mod scenario;
 mod transfer;
+mod transfer_file;
 mod verdict;
 
 pub use imaged::{ImagedResult, ImagedSession, run_imaged};
 pub use photograph::Photographer;
 pub use poses::{FarRangeError, PoseResult, PosesSummary, run_poses, summarise};
-pub use scenario::{Choice, ExposureChoice, Images, Poses, Scenario, Transfer, TransferImages};
+pub use scenario::{Choice, ExposureChoice, Images, Poses, Scenario};
 pub use transfer::{SessionResult, TransferResult, chi2_mean_bounds, run_transfer};
+pub use transfer_file::{Transfer, TransferImages};

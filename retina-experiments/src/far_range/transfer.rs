@@ -11,7 +11,7 @@ use retina_sky::planets::{Planet, seen_planet};
 use serde::Serialize;
 
 use super::poses::{ARCSEC, FarRangeError};
-use super::scenario::Transfer;
+use super::transfer_file::Transfer;
 use retina_navigation::filter::{
     Beacon, Dynamics, Filter, Matrix6, PhaseState, apparent_direction, cholesky, quadratic_form_inverse,
     tangent_axes, triangulate,

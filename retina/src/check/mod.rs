@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use retina_batch::FolderState;
 use retina_cluster::Plan;
+use retina_diagnosis::{Baseline, Dataset, Source};
 use retina_files::{InputError, read_bytes};
 use retina_formats::{Measurements, TableKind};
 use retina_geometry::Setup;
@@ -73,17 +74,20 @@ impl Company {
         own.or_else(|| Setup::shipped(Path::new(name)))
     }
 
-    /// The setup of tables: the one that they name, else the only one among the files.
-    fn setup_of(&self, tables: &Measurements) -> Option<Setup> {
+    /// Tables as the workbench reads them, with the setup that they name, else with the only one among the files; `None`
+    /// where there is none.
+    fn dataset(&self, tables: &Measurements) -> Result<Option<Dataset>, InputError> {
         let stamped = match tables {
             Measurements::Points(points) => points.files.first().and_then(|file| file.setup.as_ref()),
             _ => None,
         };
-        match (stamped, self.setups.as_slice()) {
-            (Some(stamp), given) => self.setup(&stamp.name).or_else(|| given.first().cloned()),
-            (None, [only]) => Some(only.clone()),
-            (None, _) => None,
-        }
+        let only = || if let [only] = self.setups.as_slice() { Some(only.clone()) } else { None };
+        let Some(setup) = stamped.and_then(|stamp| self.setup(&stamp.name)).or_else(only) else {
+            return Ok(None);
+        };
+        let source =
+            Source { tables, setup: &setup, calibration: None, response: None, baseline: Baseline::Physical };
+        Dataset::new(&source).map(Some)
     }
 }
 

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use retina_diagnosis::{Baseline, Dataset, Source};
 use retina_files::{InputError, Table, read_text};
 use retina_formats::{FramesTable, Measurements, TableKind};
 use retina_sky::trajectory::Trajectory;
@@ -65,20 +64,11 @@ pub(super) fn check_table(path: &Path, company: &Company) -> Result<Checked, Inp
     if !absent.is_empty() && kind == TableKind::Points {
         out = out.note(format!("without {}: effects of it cannot be told", absent.join(", ")));
     }
-    let Some(setup) = company.setup_of(&tables) else {
+    let Some(data) = company.dataset(&tables)? else {
         return Ok(
-            out.note("what `retina compare`, `diagnose` and `fit` say of it is looked at with its setup")
+            out.note("whether `retina compare`, `diagnose` and `fit` take it shows with its setup: give one")
         );
     };
-    // Frames are read by themselves, above: nothing but the table is needed.
-    let source = Source {
-        tables: &tables,
-        setup: &setup,
-        calibration: None,
-        response: None,
-        baseline: Baseline::Physical,
-    };
-    let data = Dataset::new(&source)?;
     Ok(data.notes.into_iter().fold(out.says("`retina compare`, `diagnose` and `fit` take it"), Checked::note))
 }
 

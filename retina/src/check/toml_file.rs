@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use retina_cluster::Runs;
-use retina_diagnosis::{AddedEffect, Baseline, Dataset, Source};
+use retina_diagnosis::AddedEffect;
 use retina_experiments::{far_range, flashes, full_disk};
 use retina_files::{InputError, nearest, parse_toml, read_text};
 use retina_formats::{CalibrationFile, Measurements};
@@ -214,18 +214,11 @@ fn own_effect(path: &Path, company: &Company) -> Result<Checked, InputError> {
         );
     };
     let tables = Measurements::read(std::slice::from_ref(table))?;
-    let Some(setup) = company.setup_of(&tables) else {
+    let Some(data) = company.dataset(&tables)? else {
         return Ok(
             out.note("its formula is read with a table and its setup: give a setup on the same command line")
         );
     };
-    let data = Dataset::new(&Source {
-        tables: &tables,
-        setup: &setup,
-        calibration: None,
-        response: None,
-        baseline: Baseline::Physical,
-    })?;
     let effect = AddedEffect::read(&path.display().to_string(), &data)?;
     retina_diagnosis::check_effects(&data, &[effect])?;
     Ok(out.says(format!("it can be fitted to {}", table.display())))

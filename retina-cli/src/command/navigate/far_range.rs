@@ -119,7 +119,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             summary.about_percentiles_arcsec[0],
             summary.about_percentiles_arcsec[2],
         ),
-        false => "no attitude has an error".to_owned(),
+        false => "none was found, so there are no errors".to_owned(),
     };
     tell!(
         "attitude found in {:.2} % of {} poses (the paper: {} %), wrong in {}; planet identified in {:.2} % (the paper: {} %), \
