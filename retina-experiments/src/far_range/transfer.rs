@@ -434,7 +434,7 @@ pub fn chi2_mean_bounds(freedom: usize, count: usize) -> [f64; 2] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scenario::TransferImages;
+    use super::super::transfer_file::TransferImages;
     use super::*;
 
     #[test]
