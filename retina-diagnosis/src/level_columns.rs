@@ -14,6 +14,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::catalogue::is_read;
 use crate::level::Level;
+use crate::linear::Basis;
 use crate::score::Frame;
 use crate::screens::screened;
 use crate::units::in_time;
@@ -23,8 +24,10 @@ const FEWEST_GROUPS: usize = 12;
 /// Permutations; the smallest p-value is 1 / (this + 1).
 const PERMUTATIONS: usize = 1999;
 const SEED: u64 = 5;
-/// Periods over the column's range: from this many on, in steps of a half, up to one for every four groups.
+/// Periods over the column's range: from this many on, in steps of a half, up to one for every four groups. Ever more of
+/// them cost time and are ever less likely.
 const FEWEST_PERIODS: f64 = 1.5;
+const MOST_PERIODS: f64 = 12.0;
 const GROUPS_PER_PERIOD: f64 = 4.0;
 /// Correlation with the next group in time from which on a column, or the levels, count as following time.
 const FOLLOWS_TIME: f64 = 0.4;
@@ -62,9 +65,10 @@ pub(crate) fn level_column(frame: &Frame<'_>) -> Option<LevelColumn> {
         .into_iter()
         .filter(|name| !is_read(data.kind, name))
         .filter_map(|name| {
-            Some((name, one_a_group(data.values(name), &kept, |g| data.groups[g].rows.clone())?))
+            let of_groups = data.one_a_group(name)?;
+            Some((name, kept.iter().map(|&g| of_groups[g]).collect()))
         })
-        .filter(|(_, values)| {
+        .filter(|(_, values): &(&str, Vec<f64>)| {
             let own: Vec<DVec2> = values.iter().map(|v| DVec2::new(*v, 0.0)).collect();
             wander.min(following(&own)) < FOLLOWS_TIME
         })
@@ -74,22 +78,6 @@ pub(crate) fn level_column(frame: &Frame<'_>) -> Option<LevelColumn> {
     // Z. Sidak, JASA 62, 1967.
     let p_value = -(columns.len() as f64 * (-p).ln_1p()).exp_m1();
     Some(LevelColumn { name: name.to_owned(), p_value })
-}
-
-/// The value in each group; `None` where a group has none, or several.
-fn one_a_group(
-    values: &[f64],
-    groups: &[usize],
-    rows: impl Fn(usize) -> std::ops::Range<usize>,
-) -> Option<Vec<f64>> {
-    groups
-        .iter()
-        .map(|&g| {
-            let own = &values[rows(g)];
-            let first = *own.first()?;
-            own.iter().all(|v| (v - first).abs() <= 1e-9 * first.abs()).then_some(first)
-        })
-        .collect()
 }
 
 /// Correlation of values about their mean with the next ones.
@@ -131,33 +119,15 @@ fn forms(values: &[f64]) -> Vec<Vec<Vec<f64>>> {
         return Vec::new();
     }
     let part: Vec<f64> = values.iter().map(|v| (v - low) / range).collect();
-    let most = values.len() as f64 / GROUPS_PER_PERIOD;
+    let most = (values.len() as f64 / GROUPS_PER_PERIOD).min(MOST_PERIODS);
     let periods = (0..).map(|k| FEWEST_PERIODS + 0.5 * f64::from(k)).take_while(|periods| *periods <= most);
     let wave = |periods: f64| -> [Vec<f64>; 2] {
         let angle = |t: &f64| std::f64::consts::TAU * periods * t;
         [part.iter().map(|t| angle(t).sin()).collect(), part.iter().map(|t| angle(t).cos()).collect()]
     };
     let bow = [part.clone(), part.iter().map(|t| t * t).collect()];
-    std::iter::once(bow).chain(periods.map(wave)).map(orthonormal).collect()
-}
-
-/// Beside a constant and those before; dependent ones are left out.
-fn orthonormal(columns: [Vec<f64>; 2]) -> Vec<Vec<f64>> {
-    let mut out: Vec<Vec<f64>> = Vec::new();
-    for mut column in columns {
-        let mean = column.iter().sum::<f64>() / column.len() as f64;
-        column.iter_mut().for_each(|v| *v -= mean);
-        for before in &out {
-            let along: f64 = column.iter().zip(before).map(|(a, b)| a * b).sum();
-            column.iter_mut().zip(before).for_each(|(v, b)| *v -= along * b);
-        }
-        let length = column.iter().map(|v| v * v).sum::<f64>().sqrt();
-        if length > 1e-6 {
-            column.iter_mut().for_each(|v| *v /= length);
-            out.push(column);
-        }
-    }
-    out
+    let beside_a_constant = |[a, b]: [Vec<f64>; 2]| Basis::of([vec![1.0; part.len()], a, b]).q.split_off(1);
+    std::iter::once(bow).chain(periods.map(wave)).map(beside_a_constant).collect()
 }
 
 #[cfg(test)]

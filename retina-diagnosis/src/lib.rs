@@ -43,6 +43,7 @@ mod output;
 mod own;
 mod pairs;
 mod parts;
+mod patterns;
 mod physical;
 mod pixel_noise;
 mod ranking;

@@ -11,6 +11,7 @@ use retina_formats::{EffectId, PointsEffect};
 
 use crate::catalogue::{Effect, is_read, to_unit};
 use crate::data::Dataset;
+use crate::patterns::{LINEAR, PATTERNS, Pattern, TILTS, products};
 use crate::score::{Frame, HeldOut};
 use crate::screens::screened;
 
@@ -132,15 +133,6 @@ impl Follows {
     }
 }
 
-/// Each pattern times each function of a row.
-fn products(data: &Dataset, patterns: &[Pattern], functions: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    let product = |pattern: &Pattern, function: &[f64]| -> Vec<f64> {
-        let of = |row: usize| pattern(data, row).map(|part| part * function[row]);
-        (0..data.len()).flat_map(|row| of(row).into_iter().take(data.components())).collect()
-    };
-    patterns.iter().flat_map(|pattern| functions.iter().map(move |f| product(pattern, f))).collect()
-}
-
 /// The powers of a column, from the first on.
 fn powers(data: &Dataset, name: &str, degree: i32) -> Vec<Vec<f64>> {
     let values = to_unit(data.values(name));
@@ -154,32 +146,6 @@ fn swings(data: &Dataset) -> Vec<Vec<f64>> {
     let cosine = |k: usize| time.iter().map(|t| (k as f64 * PI * (t + 1.0) / 2.0).cos()).collect();
     [vec![1.0; time.len()], time.clone()].into_iter().chain((1..=count).map(cosine)).collect()
 }
-
-/// A displacement over the field.
-type Pattern = fn(&Dataset, usize) -> [f64; 2];
-
-/// Shifts, a scale, a roll and tilts.
-const PATTERNS: [Pattern; 6] = [
-    |_, _| [1.0, 0.0],
-    |_, _| [0.0, 1.0],
-    |data, row| [data.values("x")[row], data.values("y")[row]],
-    |data, row| [-data.values("y")[row], data.values("x")[row]],
-    |data, row| [data.values("x")[row].powi(2), data.values("x")[row] * data.values("y")[row]],
-    |data, row| [data.values("x")[row] * data.values("y")[row], data.values("y")[row].powi(2)],
-];
-
-/// Shifts, and what is linear in the place.
-const LINEAR: [Pattern; 6] = [
-    |_, _| [1.0, 0.0],
-    |_, _| [0.0, 1.0],
-    |data, row| [data.values("x")[row], 0.0],
-    |data, row| [data.values("y")[row], 0.0],
-    |data, row| [0.0, data.values("x")[row]],
-    |data, row| [0.0, data.values("y")[row]],
-];
-
-/// Tilts of the screen or the camera.
-const TILTS: [Pattern; 2] = [PATTERNS[4], PATTERNS[5]];
 
 /// The displacement that a column is, in each exposure times a number.
 fn pattern(data: &Dataset, column: &[f64]) -> Option<Pattern> {
@@ -207,8 +173,6 @@ fn pattern(data: &Dataset, column: &[f64]) -> Option<Pattern> {
 
 /// Whether a column is known everywhere and, of points, the same for all of an exposure.
 fn steady(data: &Dataset, name: &str) -> bool {
-    let values = data.values(name);
-    let same = |rows: std::ops::Range<usize>| values[rows.clone()].iter().all(|v| *v == values[rows.start]);
-    values.iter().all(|v| v.is_finite())
-        && (data.components() == 1 || data.groups.iter().all(|group| same(group.rows.clone())))
+    let known = data.values(name).iter().all(|v| v.is_finite());
+    known && (data.components() == 1 || data.one_a_group(name).is_some())
 }

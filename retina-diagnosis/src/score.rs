@@ -287,7 +287,10 @@ impl<'d> Frame<'d> {
         const LEAST: f64 = 1e-9;
         const LEAST_LEFT: f64 = 1e-3;
         let (n, length) = (self.data.kind.components(), self.data.y.len());
-        let chosen = Mat::<f64>::from_fn(length, kept.len(), |row, k| c[(row, kept[k])]);
+        let mut chosen = Mat::<f64>::zeros(length, kept.len());
+        for (k, &column) in kept.iter().enumerate() {
+            chosen.col_mut(k).copy_from(c.col(column).subrows(0, length));
+        }
         let directions = &chosen * inverse.transpose();
         let mut rest = self.error[..length].to_vec();
         for (k, along) in along.iter().enumerate() {

@@ -2,6 +2,7 @@
 
 use crate::data::Dataset;
 use crate::flips::{Flips, p_values};
+use crate::patterns::{LINEAR, TILTS, products};
 use crate::score::{Frame, Score};
 use retina_formats::TableKind;
 
@@ -157,22 +158,13 @@ fn definitions(data: &Dataset) -> Vec<(Vec<String>, Vec<Vec<f64>>)> {
                 out.push((vec!["time_s".to_owned()], columns.collect()));
             }
             // Slow ones that are linear in the place, or a keystone.
-            let (px, py) = (|row: usize| [x[row], 0.0], |row: usize| [0.0, x[row]]);
-            let (qx, qy) = (|row: usize| [y[row], 0.0], |row: usize| [0.0, y[row]]);
-            let (a, b) = (
-                |row: usize| [x[row] * x[row], x[row] * y[row]],
-                |row: usize| [x[row] * y[row], y[row] * y[row]],
-            );
-            let patterns: [&dyn Fn(usize) -> [f64; 2]; 6] = [&px, &py, &qx, &qy, &a, &b];
+            let patterns = [&LINEAR[2..], &TILTS].concat();
             for first in (1..=SLOW.min(most)).step_by(BAND / 2) {
-                let swings = (first..=(first + BAND - 1).min(most)).map(swing);
-                let columns = swings.flat_map(|swing| {
-                    patterns.map(|pattern| {
-                        let at = |(row, swing): (usize, &f64)| pattern(row).map(|v| v * swing);
-                        swing.iter().enumerate().flat_map(at).collect::<Vec<f64>>()
-                    })
-                });
-                out.push((vec!["time_s".to_owned(), "x".into(), "y".into()], columns.collect()));
+                let band: Vec<Vec<f64>> = (first..=(first + BAND - 1).min(most)).map(swing).collect();
+                out.push((
+                    vec!["time_s".to_owned(), "x".into(), "y".into()],
+                    products(data, &patterns, &band),
+                ));
             }
         }
         let low = field(3);

@@ -359,6 +359,16 @@ impl Dataset {
         self.covariate(name).filter(|c| c.varies()).map(|c| c.values.as_slice())
     }
 
+    /// A covariate's value in each group; `None` where a group has none, or several.
+    pub(crate) fn one_a_group(&self, name: &str) -> Option<Vec<f64>> {
+        let values = self.values(name);
+        let of_group = |group: &Group| {
+            let own = &values[group.rows.clone()];
+            own.first().copied().filter(|first| own.iter().all(|v| v == first))
+        };
+        self.groups.iter().map(of_group).collect()
+    }
+
     /// Values of a covariate, shifted and scaled to -1..1; and the offset and half-range.
     pub(crate) fn scaled(&self, name: &str) -> Option<(Vec<f64>, f64)> {
         let covariate = self.covariate(name).filter(|c| c.varies())?;
