@@ -4,7 +4,7 @@ use glam::DVec2;
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use retina_files::InputError;
-use retina_formats::{MeasuredResponse, PointsTable, ResponseRecord, measured_or_power_law, stated_by_most};
+use retina_formats::{MeasuredResponse, PointsTable, ResponseRecord, measured_or_power_law};
 use retina_geometry::{CalibratedField, InverseDistortion, RingField, Setup};
 use retina_radiometry::magnitude_of_irradiance;
 
@@ -199,7 +199,7 @@ pub fn calibrate(
         warnings: of_another_scale(&inverse, setup)
             .into_iter()
             .chain(too_few_points(&observations, widest.degree).filter(|_| options.form.is_none()))
-            .chain(unstated(table))
+            .chain(observations.stated_note.clone())
             .collect(),
         covariance: (0..4 * n * n).map(|at| covariance[(at / (2 * n), at % (2 * n))]).collect(),
         rings_prior_sigma: RING_SIGMA * reduced.sqrt(),
@@ -246,17 +246,6 @@ fn too_few_points(observations: &Observations, degree: u32) -> Option<String> {
              off by far more than it states. Take at least {wanted} points",
             observations.len()
         )
-    })
-}
-
-/// Says so where some rows state no error.
-fn unstated(table: &PointsTable) -> Option<String> {
-    let empty = table.rows.iter().filter(|row| row.sigma_px.is_none()).count();
-    let total = table.rows.len();
-    let filled = stated_by_most(table.rows.iter().map(|row| row.sigma_px)).is_some();
-    (empty > 0 && empty < total).then(|| {
-        let then = if filled { "these take the median of the others" } else { "the column is not used" };
-        format!("column `sigma_px` is empty in {empty} of {total} rows: {then}")
     })
 }
 
@@ -425,6 +414,7 @@ impl Observations {
             start = end;
         }
         Self {
+            stated_note: self.stated_note.clone(),
             sight: order.iter().map(|&i| self.sight[i]).collect(),
             undistorted: order.iter().map(|&i| self.undistorted[i]).collect(),
             l: order.iter().map(|&i| self.l[i]).collect(),

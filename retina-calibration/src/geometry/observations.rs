@@ -18,6 +18,8 @@ pub(crate) struct Observations {
     pub(crate) l: Vec<f64>,
     /// What the centroids' noise is told from: ln of sigma_px, else of 1 / flux, else of 1 / (irradiance, exposure).
     pub(crate) noise_key: Vec<f64>,
+    /// What became of rows that state no `sigma_px`, where others do.
+    pub(crate) stated_note: Option<String>,
     /// Row of the table.
     pub(crate) row: Vec<usize>,
     /// Exposure id (index into the table's images) and its points.
@@ -36,7 +38,8 @@ impl Observations {
             .map(|&row| log10_irradiance(response, table.rows[row].channel, table.rows[row].digital_count))
             .collect();
         let all = |has: fn(&PointRow) -> bool| order.iter().all(|&row| has(&table.rows[row]));
-        let stated = stated_by_most(order.iter().map(|&row| table.rows[row].sigma_px));
+        let (stated, stated_note) =
+            stated_by_most("sigma_px", order.iter().map(|&row| table.rows[row].sigma_px));
         let noise_key: Vec<f64> = if let Some(sigma_px) = stated {
             sigma_px.iter().map(|sigma_px| sigma_px.ln()).collect()
         } else if all(|row| row.flux_dn.is_some_and(|flux| flux > 0.0)) {
@@ -60,6 +63,7 @@ impl Observations {
             undistorted: order.iter().map(|&row| facility.line_of_sight(table.rows[row].screen_px)).collect(),
             l,
             noise_key,
+            stated_note,
             saturated: table.rows.len() - order.len(),
             row: order,
             exposures,

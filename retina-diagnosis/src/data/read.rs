@@ -169,13 +169,8 @@ pub(super) fn stated(
     values: impl Iterator<Item = Option<f64>>,
     notes: &mut Vec<String>,
 ) -> Option<Vec<f64>> {
-    let values: Vec<Option<f64>> = values.collect();
-    let empty = values.iter().filter(|value| value.is_none()).count();
-    let stated = stated_by_most(values.iter().copied());
-    if empty > 0 && empty < values.len() {
-        let then = if stated.is_some() { "these take the median of the others" } else { "it is not used" };
-        notes.push(format!("column `{column}` is empty in {empty} of {} rows: {then}", values.len()));
-    }
+    let (stated, note) = stated_by_most(column, values);
+    notes.extend(note);
     stated
 }
 
