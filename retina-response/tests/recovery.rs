@@ -91,6 +91,30 @@ fn intervals_hold_the_truth_nine_times_of_ten_where_noise_is_estimated() {
     ninety_percent_intervals(false);
 }
 
+/// Forty-three readings in which the meter's floor hides most of the proportional noise: the likeliest noise often has none,
+/// and bright readings would then be believed far too much.
+#[test]
+fn noise_that_few_readings_tell_is_not_taken_for_none() {
+    let truth = Truth { black: 2e-5, floor_w_m2: 2e-7, zero_w_m2: 3e-7, proportional: 0.002, ..TRUTH };
+    let mut plan = vec![(0, 0.0); 4];
+    plan.push((0, 400.0));
+    for count in [2, 4, 8, 12, 16, 24, 32, 48, 64, 96, 128, 160, 192, 224, 255] {
+        plan.extend([100.0, 200.0].map(|square| (count, square)));
+        if count < 64 {
+            plan.push((count, 400.0));
+        }
+    }
+    let offs: Vec<f64> = (0..120)
+        .map(|seed| {
+            off(fit(&readings(&truth, &plan, 5000 + seed, false)).unwrap().full_w_m2, truth.full_w_m2).abs()
+        })
+        .collect();
+    let beyond = offs.iter().filter(|off| **off > 3.0).count();
+    let worst = offs.iter().copied().fold(0.0, f64::max);
+    println!("{beyond} of {} beyond three sigmas, {worst:.1} at worst, {} readings", offs.len(), plan.len());
+    assert!(beyond <= 3 && worst < 5.0, "{beyond}, {worst}");
+}
+
 /// A display that departs from its power law by up to 5 %: the curve follows it to within its noise.
 #[test]
 fn a_departure_from_the_power_law_is_followed() {
