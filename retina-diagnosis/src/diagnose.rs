@@ -8,7 +8,7 @@ use crate::catalogue::Effect;
 use crate::data::Dataset;
 use crate::doubts::doubts;
 use crate::estimate::{Estimator, Implausible, Parameter, estimate, implausible};
-use crate::flips::Flips;
+use crate::form_error;
 use crate::kept::KeptEffect;
 use crate::next::{NextMeasurement, propose};
 use crate::noise::Weights;
@@ -195,16 +195,15 @@ fn search(
     }
     adjusted.data.wander = wanted.wander.unwrap_or(adjusted.data.wander);
     let data = &adjusted.data;
-    let flips = Flips::draw(data, options.flips, options.seed);
     notes.extend(note_of_runs(data));
     let baseline: Vec<Vec<f64>> = adjusted.base.clone();
-    let mut found = Search::new(data, &prepared, &flips, baseline.clone(), wanted.later);
+    let mut found = Search::new(data, &prepared, options, baseline.clone(), wanted.later);
     notes.extend(found.whole_group());
     while found.accepted.len() < wanted.most && found.step() {}
 
     let (fit, steps) = loop {
         let fit = found.fit();
-        let steps = ladder(data, &baseline, &prepared, &found.accepted, &fit.weights);
+        let steps = ladder(&found, &baseline, &prepared, &fit.weights);
         let Some(idle) = idle(&steps) else { break (fit, steps) };
         let name = prepared[found.accepted[idle].index].effect.name();
         notes.push(format!(
@@ -214,10 +213,12 @@ fn search(
         ));
         found.take_out(idle, &baseline);
     };
+    let given = data;
+    let data: &Dataset = &found.data;
     let noise = Noise::beside(scatter, data, &fit);
     let frame = Frame::with_outliers_cut(data, &found.base, &fit);
     let levels = [found.level(LEVEL_FIRST[1], LEVEL_LATER[1]), LEVEL_LATER[1]];
-    let mut unexplained = unexplained(&frame, levels, FLOOR_NOISE, &flips);
+    let mut unexplained = unexplained(&frame, levels, FLOOR_NOISE, &found.flips);
     let together = Together::of(data, &fit.residual, &fit.weights);
     if let Some(together) = together {
         notes.push(together.note());
@@ -270,7 +271,7 @@ fn search(
         next = Some(instead);
     }
     let ranking = found.first_ranking.take().unwrap_or_default();
-    let mut candidates = candidates(data, &baseline, &prepared, ranking, &fit.weights, &found.accepted);
+    let mut candidates = candidates(given, &baseline, &prepared, ranking, &fit.weights, &found.accepted);
     if let Some((index, outlying)) = &found.group {
         let candidate = group_candidate(prepared[*index].effect.name(), outlying, steps[0].heldout_rms);
         let first = found.accepted.first().is_some_and(|a| a.index == *index);
@@ -293,6 +294,7 @@ fn search(
             physical.value.abs() / physical.sigma
         ))
     }));
+    notes.extend(form_error::note(data));
     notes.extend(by_default_lenses(data, found.accepted.iter().map(|own| prepared[own.index].effect)));
     let rivals = |(set, own): (&Vec<usize>, &Accepted)| {
         set.iter().filter(|i| **i != own.index).map(|&i| prepared[i].effect.name()).collect()
@@ -392,27 +394,27 @@ fn quantities(
 
 /// Held-out error from the baseline on, all under the final weights.
 fn ladder(
-    data: &Dataset,
+    found: &Search<'_>,
     baseline: &[Vec<f64>],
     prepared: &[Prepared<'_>],
-    accepted: &[Accepted],
     weights: &Weights,
 ) -> Vec<Step> {
+    let accepted = &found.accepted;
     let mut base = baseline.to_vec();
     let mut names: Vec<String> = Vec::new();
     // A factor of one series is known to that series alone: rows are left out there, not series.
     let own = accepted.iter().any(|own| prepared[own.index].effect.id == WHOLE_GROUP);
-    let held_out = |base: &[Vec<f64>]| {
-        let frame = Frame::weighted(data, base, weights.clone());
+    let held_out = |base: &[Vec<f64>], count: usize| {
+        let frame = Frame::weighted(found.data_beside(count), base, weights.clone());
         if own { frame.leaving_out_rows().held_out(&[]) } else { frame.held_out(&[]) }
     };
-    let mut out = vec![Step::new(Vec::new(), &held_out(&base))];
-    for own in accepted {
+    let mut out = vec![Step::new(Vec::new(), &held_out(&base, 0))];
+    for (before, own) in accepted.iter().enumerate() {
         let mut leading = base.clone();
         leading.extend(prepared[own.index].columns[own.variant].iter().cloned());
         base.extend(own.columns.iter().cloned());
         names.push(prepared[own.index].effect.name().to_owned());
-        let (leading, whole) = (held_out(&leading), held_out(&base));
+        let (leading, whole) = (held_out(&leading, before + 1), held_out(&base, before + 1));
         out.push(Step::new(names.clone(), if leading.rms < whole.rms { &leading } else { &whole }));
     }
     out

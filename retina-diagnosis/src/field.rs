@@ -9,6 +9,7 @@ use retina_formats::Calibration;
 use retina_geometry::InverseDistortion;
 
 use crate::data::ARCSEC_PER_RAD;
+use crate::form_error::FormError;
 use crate::linear::Basis;
 
 /// Degrees beyond the calibration's that the modes have.
@@ -43,10 +44,10 @@ impl Held {
         }
     }
 
-    /// The field's columns.
-    pub(crate) fn field(&self) -> Field {
+    /// The field's columns, with those of forms that may be off.
+    pub(crate) fn field(&self, forms: &FormError) -> Field {
         match self {
-            Self::Geometry(model) => model.field(),
+            Self::Geometry(model) => model.field(forms),
             Self::Response(known) => Field { known: known.clone(), modes: Vec::new() },
         }
     }
@@ -67,7 +68,7 @@ pub(crate) struct HeldModel {
 /// Columns of the field over the rows, in the data's unit.
 #[derive(Debug, Clone)]
 pub(crate) struct Field {
-    /// Independent, each of unit variance: the coefficients' errors.
+    /// Independent, each of unit variance: the coefficients' errors, and those of forms that were found.
     pub(crate) known: Vec<Vec<f64>>,
     /// Independent, each of a variance that is the square of the field's size.
     pub(crate) modes: Vec<Vec<f64>>,
@@ -118,13 +119,16 @@ impl HeldModel {
     }
 
     /// The field's columns.
-    pub(crate) fn field(&self) -> Field {
-        let known = match (&self.inverse, &self.covariance) {
+    fn field(&self, forms: &FormError) -> Field {
+        let mut known = match (&self.inverse, &self.covariance) {
             (Some(inverse), Some(covariance)) => self.known(inverse, covariance),
             _ => Vec::new(),
         };
         let lowest = if known.is_empty() { LOWEST_DEGREE } else { self.degree + 1 };
-        Field { known, modes: self.modes(lowest, self.degree.max(LOWEST_DEGREE) + DEGREES_BEYOND) }
+        known.extend(forms.columns.iter().cloned());
+        let highest = self.degree.max(LOWEST_DEGREE) + DEGREES_BEYOND;
+        let size = |degree: u32| DECAY.powi((degree - lowest) as i32);
+        Field { known, modes: products(&self.sight, half_widths(&self.sight), lowest, highest, size) }
     }
 
     /// Errors of the coefficients as independent fields: with Phi = Q R their columns over the rows, the same along both
@@ -170,36 +174,47 @@ impl HeldModel {
         let fields: Vec<Vec<DVec2>> = (0..self.sight.len()).map(of_row).collect();
         (0..kept.len()).map(|at| fields.iter().flat_map(|row| row[at].to_array()).collect()).collect()
     }
+}
 
-    /// Products of Legendre polynomials over the rows' box, of unit rms there and smaller from degree to degree.
-    fn modes(&self, from: u32, to: u32) -> Vec<Vec<f64>> {
-        let half = self.sight.iter().fold(DVec2::splat(f64::MIN_POSITIVE), |h, r| h.max(r.abs()));
-        let of = |along: fn(DVec2) -> f64| -> Vec<Vec<f64>> {
-            self.sight
-                .iter()
-                .map(|r| {
-                    let mut values = vec![1.0];
-                    values.extend(crate::screens::legendre(along(*r / half), to as usize));
-                    for (degree, value) in values.iter_mut().enumerate() {
-                        *value *= (2.0 * degree as f64 + 1.0).sqrt();
-                    }
-                    values
-                })
-                .collect()
-        };
-        let (px, py) = (of(|r| r.x), of(|r| r.y));
-        let mut out = Vec::new();
-        for degree in from..=to {
-            let size = DECAY.powi((degree - from) as i32);
-            for i in 0..=degree as usize {
-                let j = degree as usize - i;
-                let values: Vec<f64> = px.iter().zip(&py).map(|(x, y)| size * x[i] * y[j]).collect();
-                out.push(values.iter().flat_map(|v| [*v, 0.0]).collect());
-                out.push(values.iter().flat_map(|v| [0.0, *v]).collect());
-            }
+/// Half the width and half the height of a box about the boresight that holds all lines of sight.
+pub(crate) fn half_widths(sight: &[DVec2]) -> DVec2 {
+    sight.iter().fold(DVec2::splat(f64::MIN_POSITIVE), |half, at| half.max(at.abs()))
+}
+
+/// Products of Legendre polynomials along x and y over a box of these half widths, of unit rms there times their degree's
+/// size: each along both axes of the error.
+pub(crate) fn products(
+    sight: &[DVec2],
+    half: DVec2,
+    from: u32,
+    to: u32,
+    size: impl Fn(u32) -> f64,
+) -> Vec<Vec<f64>> {
+    let of = |along: fn(DVec2) -> f64| -> Vec<Vec<f64>> {
+        sight
+            .iter()
+            .map(|r| {
+                let mut values = vec![1.0];
+                values.extend(crate::screens::legendre(along(*r / half), to as usize));
+                for (degree, value) in values.iter_mut().enumerate() {
+                    *value *= (2.0 * degree as f64 + 1.0).sqrt();
+                }
+                values
+            })
+            .collect()
+    };
+    let (px, py) = (of(|r| r.x), of(|r| r.y));
+    let mut out = Vec::new();
+    for degree in from..=to {
+        let size = size(degree);
+        for i in 0..=degree as usize {
+            let j = degree as usize - i;
+            let values: Vec<f64> = px.iter().zip(&py).map(|(x, y)| size * x[i] * y[j]).collect();
+            out.push(values.iter().flat_map(|v| [*v, 0.0]).collect());
+            out.push(values.iter().flat_map(|v| [0.0, *v]).collect());
         }
-        out
     }
+    out
 }
 
 impl Field {

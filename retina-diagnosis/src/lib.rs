@@ -25,6 +25,7 @@ mod figure;
 mod fit;
 mod flips;
 mod floor;
+mod form_error;
 mod formula;
 mod headline;
 mod json;

@@ -1,6 +1,6 @@
 //! What to measure next, so that effects which fit alike are told apart.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use crate::catalogue::Effect;
 use crate::data::Dataset;
@@ -114,6 +114,7 @@ fn repeated(data: &Dataset, action: &str) -> Option<Dataset> {
     out.field = OnceLock::new();
     let again: Vec<usize> = (0..rows).chain(0..rows).collect();
     out.held = data.held.as_ref().map(|held| held.of_rows(&again));
+    out.form_error = Arc::new(data.form_error.of_rows(&again));
     out.y.extend_from_slice(&data.y);
     out.order.extend_from_slice(&data.order);
     out.noise_key.extend_from_slice(&data.noise_key);

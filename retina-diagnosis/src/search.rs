@@ -2,6 +2,7 @@
 //! beside those accepted before.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 use retina_formats::{EffectId, PowerEffect};
@@ -9,8 +10,9 @@ use retina_formats::{EffectId, PowerEffect};
 use crate::added::AddedEffect;
 use crate::catalogue::{Effect, Variant, effects, of_other_lenses, wide};
 use crate::data::Dataset;
-use crate::diagnose::NotTestable;
+use crate::diagnose::{DiagnoseOptions, NotTestable};
 use crate::flips::Flips;
+use crate::form_error::{InModel, part, with_forms_off};
 use crate::noise::{RobustFit, robust_fit};
 use crate::other_columns::Follows;
 use crate::ranking::{Ranked, confusable, pick, rank};
@@ -70,19 +72,19 @@ pub(crate) struct Accepted {
 }
 
 /// Robust fits that were asked for last: a step's last fit is the next one's first.
-struct Fits<'a> {
-    data: &'a Dataset,
+#[derive(Default)]
+struct Fits {
     kept: VecDeque<(Vec<Vec<f64>>, RobustFit)>,
 }
 
 /// Fits that are kept.
 const KEPT_FITS: usize = 2;
 
-impl Fits<'_> {
-    fn of(&mut self, columns: &[Vec<f64>]) -> &RobustFit {
+impl Fits {
+    fn of(&mut self, data: &Dataset, columns: &[Vec<f64>]) -> &RobustFit {
         let at = self.kept.iter().position(|(own, _)| own == columns).unwrap_or_else(|| {
             self.kept.truncate(KEPT_FITS - 1);
-            self.kept.push_front((columns.to_vec(), robust_fit(self.data, columns)));
+            self.kept.push_front((columns.to_vec(), robust_fit(data, columns)));
             0
         });
         &self.kept[at].1
@@ -91,10 +93,16 @@ impl Fits<'_> {
 
 /// What was accepted so far.
 pub(crate) struct Search<'a> {
-    data: &'a Dataset,
-    fits: Fits<'a>,
+    /// The data; beside accepted effects of the lenses their forms may be off.
+    pub(crate) data: Arc<Dataset>,
+    /// The same while nothing was accepted.
+    given: &'a Dataset,
+    baseline: usize,
+    fits: Fits,
     prepared: &'a [Prepared<'a>],
-    flips: &'a Flips,
+    /// Draws of the null beside the present data.
+    pub(crate) flips: Arc<Flips>,
+    drawn: DiagnoseOptions,
     /// Whether something was found before the search.
     later: bool,
     excluded: Vec<bool>,
@@ -116,15 +124,18 @@ impl<'a> Search<'a> {
     pub(crate) fn new(
         data: &'a Dataset,
         prepared: &'a [Prepared<'a>],
-        flips: &'a Flips,
+        options: &DiagnoseOptions,
         base: Vec<Vec<f64>>,
         later: bool,
     ) -> Self {
         Self {
-            data,
-            fits: Fits { data, kept: VecDeque::new() },
+            data: Arc::new(data.clone()),
+            given: data,
+            baseline: base.len(),
+            fits: Fits::default(),
             prepared,
-            flips,
+            flips: Arc::new(Flips::draw(data, options.flips, options.seed)),
+            drawn: options.clone(),
             later,
             excluded: vec![false; prepared.len()],
             base,
@@ -138,12 +149,7 @@ impl<'a> Search<'a> {
 
     /// Robust fit of what was accepted.
     pub(crate) fn fit(&mut self) -> RobustFit {
-        self.fits.of(&self.base).clone()
-    }
-
-    fn frame(&mut self) -> Frame<'a> {
-        let weights = self.fits.of(&self.base).weights.clone();
-        Frame::weighted(self.data, &self.base, weights)
+        self.fits.of(&self.data, &self.base).clone()
     }
 
     /// The level of the first effect, or of later ones.
@@ -152,7 +158,7 @@ impl<'a> Search<'a> {
     }
 
     fn accept(&mut self, index: usize, variant: usize, set: Vec<usize>, follows: Option<Follows>) {
-        let columns = self.prepared[index].whole(self.data, variant);
+        let columns = self.prepared[index].whole(&self.data, variant);
         self.base.extend(columns.iter().cloned());
         self.accepted.push(Accepted { index, variant, columns, widened: false, follows });
         self.excluded[index] = true;
@@ -160,6 +166,36 @@ impl<'a> Search<'a> {
             self.excluded[member] = true;
         }
         self.sets.push(set);
+        self.let_forms_be_off();
+    }
+
+    /// From here on the forms of the accepted effects may be off by what lenses as built make of them.
+    fn let_forms_be_off(&mut self) {
+        let weights = self.fits.of(&self.data, &self.base).weights.clone();
+        let mut model = self.base[..self.baseline].to_vec();
+        let mut effects = Vec::new();
+        for own in &self.accepted {
+            let prepared = &self.prepared[own.index];
+            let from = model.len();
+            model.extend(prepared.columns[own.variant].iter().cloned());
+            let steady = prepared.variants[own.variant].is_steady();
+            effects.push(InModel { effect: prepared.effect.id, steady, columns: from..model.len() });
+        }
+        let off = with_forms_off(self.given, &model, self.baseline, &effects, &weights);
+        if off.is_some() || !Arc::ptr_eq(&self.data.form_error, &self.given.form_error) {
+            self.data = Arc::new(off.unwrap_or_else(|| self.given.clone()));
+            self.fits = Fits::default();
+            self.flips = Arc::new(Flips::draw(&self.data, self.drawn.flips, self.drawn.seed));
+        }
+    }
+
+    /// The data as the first so many accepted effects find them.
+    pub(crate) fn data_beside(&self, count: usize) -> &Dataset {
+        let of_lenses = |own: &Accepted| {
+            let prepared = &self.prepared[own.index];
+            part(prepared.effect.id, prepared.variants[own.variant].is_steady()).is_some()
+        };
+        if self.accepted[..count].iter().any(of_lenses) { &self.data } else { self.given }
     }
 
     /// Takes an accepted effect out of the model; it is not looked for again.
@@ -170,11 +206,13 @@ impl<'a> Search<'a> {
         for accepted in &self.accepted {
             self.base.extend(accepted.columns.iter().cloned());
         }
+        self.let_forms_be_off();
     }
 
     /// Takes out with accepted effects what they are beyond their leading forms, where that lowers the error of what is
     /// left out: what is left of a strong effect is its own, before it is another.
     fn widen(&mut self) {
+        let data = Arc::clone(&self.data);
         for k in 0..self.accepted.len() {
             if self.accepted[k].widened {
                 continue;
@@ -182,12 +220,13 @@ impl<'a> Search<'a> {
             let (index, variant) = (self.accepted[k].index, self.accepted[k].variant);
             let prepared = &self.prepared[index];
             // The setup's lenses come first: what is beyond them has to show clearly.
-            let others = of_other_lenses(self.data, prepared.effect.id, &prepared.columns[variant]);
-            for (own, by) in [(prepared.wide(self.data, variant), REFINED), (others, CLEARLY_WORSE)] {
+            let others = of_other_lenses(&data, prepared.effect.id, &prepared.columns[variant]);
+            for (own, by) in [(prepared.wide(&data, variant), REFINED), (others, CLEARLY_WORSE)] {
                 if own.is_empty() {
                     continue;
                 }
-                let frame = self.frame();
+                let weights = self.fits.of(&data, &self.base).weights.clone();
+                let frame = Frame::weighted(&data, &self.base, weights);
                 if frame.held_out(&[]).beaten_by(&frame.held_out(&own)) <= by {
                     continue;
                 }
@@ -200,7 +239,7 @@ impl<'a> Search<'a> {
 
     /// Tests whether one group is off as a whole, and says so.
     pub(crate) fn whole_group(&mut self) -> Option<String> {
-        let (index, found) = whole_group(self.data, &self.base, self.prepared)?;
+        let (index, found) = whole_group(&self.data, &self.base, self.prepared)?;
         self.excluded[index] = true;
         let (group, offset, p_value) = (found.group, found.offset, found.p_value);
         self.group = Some((index, found));
@@ -229,9 +268,10 @@ impl<'a> Search<'a> {
 
     fn try_best(&mut self) -> Tried {
         let level = self.level(LEVEL_FIRST[0], LEVEL_LATER[0]);
-        let (data, prepared) = (self.data, self.prepared);
-        let frame = Frame::with_outliers_cut(data, &self.base, self.fits.of(&self.base));
-        let ranking = rank(&frame, &self.base, prepared, &self.excluded, self.flips);
+        let (data, flips) = (Arc::clone(&self.data), Arc::clone(&self.flips));
+        let (data, flips, prepared) = (&*data, &*flips, self.prepared);
+        let frame = Frame::with_outliers_cut(data, &self.base, self.fits.of(&self.data, &self.base));
+        let ranking = rank(&frame, &self.base, prepared, &self.excluded, flips);
         // An unexplained effect that groups have in common is taken for jitter at first, and looks weak beside it.
         let Some(best) = pick(&ranking, level, 0.0, &frame.held_out(&[])) else {
             self.first_ranking.get_or_insert(ranking);
@@ -240,9 +280,9 @@ impl<'a> Search<'a> {
         // Noise and jitter once more, without what the best effect explains.
         let mut with_best = self.base.clone();
         with_best.extend(prepared[best.index].whole(data, best.variant));
-        let weights = self.fits.of(&with_best).weights.clone();
+        let weights = self.fits.of(&self.data, &with_best).weights.clone();
         let frame = Frame::weighted(data, &self.base, weights);
-        let ranking = rank(&frame, &self.base, prepared, &self.excluded, self.flips);
+        let ranking = rank(&frame, &self.base, prepared, &self.excluded, flips);
         let Some(best) = pick(&ranking, level, FLOOR_NOISE, &frame.held_out(&[])) else {
             self.first_ranking.get_or_insert(ranking);
             return Tried::Nothing;
@@ -259,7 +299,7 @@ impl<'a> Search<'a> {
             }
             other => other,
         };
-        let set = confusable(&frame, &self.base, prepared, &ranking, best, level, self.flips);
+        let set = confusable(&frame, &self.base, prepared, &ranking, best, level, flips);
         self.first_ranking.get_or_insert(ranking);
         self.accept(index, variant, set, follows);
         self.widen();

@@ -73,7 +73,7 @@ pub(crate) fn unexplained(
     let counts = |shared: &&Shared| shared.strength >= FLOOR_SHARED;
     let least_shared = shared.iter().find(counts).map_or(1.0, |shared| of_all(shared.p_value));
     let of_levels = levels.as_ref().map_or(1.0, |levels| of_all(levels.p_value));
-    let p_value = order.first().map_or(1.0, |&i| p[i]).min(least_shared).min(of_levels);
+    let p_value = p.iter().copied().fold(1.0, f64::min).min(least_shared).min(of_levels);
     let mut width_px = None;
     let mut covariates: Vec<String> = Vec::new();
     let first = order.iter().find(|&&i| p[i] <= level && all[i].score.strength(components) >= floor);

@@ -53,6 +53,13 @@ pub(crate) struct Variant<'a> {
     pub(crate) further: Vec<Term<'a>>,
 }
 
+impl Variant<'_> {
+    /// Whether it is a form of coma that does not depend on the light.
+    pub(crate) fn is_steady(&self) -> bool {
+        self.shape.iter().any(|(name, _)| *name == STEADY)
+    }
+}
+
 /// The forms of an effect on a table, or why the table cannot show it.
 type Build = for<'a> fn(&'a Dataset) -> Result<Vec<Variant<'a>>, String>;
 

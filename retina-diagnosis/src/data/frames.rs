@@ -174,6 +174,7 @@ impl Dataset {
             display: None,
             default_lenses: false,
             display_depth: DisplayDepth::default(),
+            form_error: Arc::default(),
             tracer: None,
             found_coma: None,
             found_gamma: None,

@@ -28,6 +28,7 @@ use retina_geometry::{ComaForm, ComaTracer, SpotShifts};
 use retina_formats::{Channel, TableKind};
 
 use crate::field::{Field, Held};
+use crate::form_error::FormError;
 
 /// A column over the rows: its name and its value(s) in a row, in units of the data per unit of its amplitude.
 pub(crate) struct Term<'a> {
@@ -148,6 +149,8 @@ pub struct Dataset {
     pub(crate) tracer: Option<Arc<dyn ComaTracer>>,
     /// That coma's form, which is then the only one.
     pub(crate) found_coma: Option<ComaForm>,
+    /// What the forms of effects that were found may be off by on lenses as they were built (points).
+    pub(crate) form_error: Arc<FormError>,
     /// A display's exponent that was found, about which its form is made (power).
     pub(crate) found_gamma: Option<FoundGamma>,
     /// One pixel of the screen in arcsec (points).
@@ -288,6 +291,7 @@ impl Dataset {
             files: self.files.clone(),
             notes: self.notes.clone(),
             held: self.held.as_ref().map(|held| held.of_rows(rows)),
+            form_error: Arc::new(self.form_error.of_rows(rows)),
             field: OnceLock::new(),
             pixels: None,
             lens: self.lens.clone(),
@@ -303,7 +307,7 @@ impl Dataset {
 
     /// The error of a calibration that is held fixed.
     pub(crate) fn field(&self) -> Option<&Field> {
-        self.held.as_ref().map(|held| self.field.get_or_init(|| held.field()))
+        self.held.as_ref().map(|held| self.field.get_or_init(|| held.field(&self.form_error)))
     }
 
     /// Number of its columns.

@@ -1,7 +1,7 @@
 //! `phase.csv` as data: magnitudes against those of a smooth Lambert sphere.
 
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use retina_files::InputError;
 use retina_formats::{Channel, PhaseTable, TableKind};
@@ -95,6 +95,7 @@ pub(super) fn read(_source: &Source<'_>, table: &PhaseTable) -> Result<Dataset, 
         display: None,
         default_lenses: false,
         display_depth: DisplayDepth::default(),
+        form_error: Arc::default(),
         tracer: None,
         found_coma: None,
         found_gamma: None,

@@ -1,7 +1,7 @@
 //! `power.csv` as data: irradiance relative to what the nominal response, or a calibrated one, gives.
 
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use faer::Mat;
 use retina_files::InputError;
@@ -150,6 +150,7 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
         display: None,
         default_lenses: false,
         display_depth: DisplayDepth::default(),
+        form_error: Arc::default(),
         tracer: None,
         found_coma: None,
         found_gamma: None,
