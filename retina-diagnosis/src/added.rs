@@ -1,7 +1,7 @@
 //! Effects that are part of the model: catalogued ones by id, and the user's own.
 
 use std::path::Path;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use retina_files::{InputError, nearest};
 use retina_formats::EffectId;
@@ -9,7 +9,7 @@ use retina_formats::EffectId;
 use crate::catalogue::{Effect, STEADY, effects, wide};
 use crate::data::Dataset;
 use crate::effect_file::EffectOfFile;
-use crate::form_error::{FormError, InModel, with_forms_off};
+use crate::form_error::{FormError, InModel, form_error};
 use crate::linear::{Basis, dot, solve_positive};
 use crate::noise::robust_fit;
 use crate::own::{OwnEffect, evaluate, readable_columns};
@@ -200,17 +200,14 @@ const MOST_TRACES: usize = 6;
 pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
     let (about, out) = settled(data, added);
     match forms_off(&out, added) {
-        // Second orders are those beside them.
-        Some(form_error) => laid_out(
-            &Dataset { form_error, field: OnceLock::new(), ..about.as_ref().unwrap_or(data).clone() },
-            added,
-        ),
+        // Second orders are those beside it.
+        Some(off) => laid_out(&about.as_ref().unwrap_or(data).with_form_error(off), added),
         None => out,
     }
 }
 
 /// What the forms of the added effects may be off by, as far as these are fitted.
-fn forms_off(fitted: &Adjusted, added: &[AddedEffect]) -> Option<Arc<FormError>> {
+fn forms_off(fitted: &Adjusted, added: &[AddedEffect]) -> Option<FormError> {
     let baseline = fitted.owner.iter().take_while(|owner| owner.is_none()).count();
     let in_model = |(index, effect): (usize, &AddedEffect)| {
         let own = |at: &usize| fitted.owner[*at] == Some(index);
@@ -224,8 +221,7 @@ fn forms_off(fitted: &Adjusted, added: &[AddedEffect]) -> Option<Arc<FormError>>
         return None;
     }
     let weights = robust_fit(&fitted.data, &fitted.base).weights;
-    let data = with_forms_off(&fitted.data, &fitted.base, baseline, &effects, &weights)?;
-    Some(data.form_error)
+    form_error(&fitted.data, &fitted.base, baseline, &effects, &weights)
 }
 
 /// The same, with the data whose forms are made about it; `None` where these are the given ones.

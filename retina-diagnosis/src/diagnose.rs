@@ -1,5 +1,7 @@
 //! Which effect is missing: candidates tested, ranked, accepted one by one, until nothing is left to explain.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 use retina_formats::{EffectId, PointsEffect};
 
@@ -194,10 +196,10 @@ fn search(
         noise.apply(&mut adjusted.data);
     }
     adjusted.data.wander = wanted.wander.unwrap_or(adjusted.data.wander);
-    let data = &adjusted.data;
-    notes.extend(note_of_runs(data));
-    let baseline: Vec<Vec<f64>> = adjusted.base.clone();
-    let mut found = Search::new(data, &prepared, options, baseline.clone(), wanted.later);
+    let given = Arc::new(adjusted.data);
+    notes.extend(note_of_runs(&given));
+    let baseline = adjusted.base;
+    let mut found = Search::new(Arc::clone(&given), &prepared, options, baseline.clone(), wanted.later);
     notes.extend(found.whole_group());
     while found.accepted.len() < wanted.most && found.step() {}
 
@@ -211,10 +213,10 @@ fn search(
             steps[idle].heldout_rms,
             steps[idle + 1].heldout_rms
         ));
-        found.take_out(idle, &baseline);
+        found.take_out(idle);
     };
-    let given = data;
-    let data: &Dataset = &found.data;
+    let data = Arc::clone(&found.data);
+    let data: &Dataset = &data;
     let noise = Noise::beside(scatter, data, &fit);
     let frame = Frame::with_outliers_cut(data, &found.base, &fit);
     let levels = [found.level(LEVEL_FIRST[1], LEVEL_LATER[1]), LEVEL_LATER[1]];
@@ -271,7 +273,7 @@ fn search(
         next = Some(instead);
     }
     let ranking = found.first_ranking.take().unwrap_or_default();
-    let mut candidates = candidates(given, &baseline, &prepared, ranking, &fit.weights, &found.accepted);
+    let mut candidates = candidates(&given, &baseline, &prepared, ranking, &fit.weights, &found.accepted);
     if let Some((index, outlying)) = &found.group {
         let candidate = group_candidate(prepared[*index].effect.name(), outlying, steps[0].heldout_rms);
         let first = found.accepted.first().is_some_and(|a| a.index == *index);

@@ -1,4 +1,4 @@
-//! What lenses as they were built make of a strong effect otherwise than those of the setup.
+//! How far the form of a strong effect may be off, because lenses as built are not exactly those of the setup.
 //!
 //! An effect's form is traced through the setup's prescription. Radii, indices, gaps, tilts and decentres are off by their
 //! tolerances, and the form with them: by a small part of the effect that is smooth over the field and largest at its
@@ -11,7 +11,6 @@
 //! tried both ways. Each degree is smaller than the one before by 0.84 to 1.0 (0.65 of a radial term).
 
 use std::ops::Range;
-use std::sync::{Arc, OnceLock};
 
 use glam::DVec2;
 use retina_formats::{EffectId, PointsEffect};
@@ -30,8 +29,8 @@ pub(crate) struct Part {
     /// Rms of the smooth field: 0.07 to 0.11 were found for the display's or the camera's place, and for what the lenses
     /// bend themselves 0.26 to 0.30 (coma), 0.31 (the optical centre), 0.37 (a radial term).
     smooth: f64,
-    /// Standard deviation of each mode by which the form is more here and less there. The first is its scale, which was
-    /// off by 0.006 to 0.016 (rms), 0.01 to 0.04 (lenses), and 0.04 to 0.08 (coma).
+    /// Standard deviation of each mode by which the form is larger here and smaller there. The first mode is its scale. The
+    /// eight facilities' scales were off by 0.006 to 0.016 rms (places), 0.01 to 0.04 (lenses) and 0.04 to 0.08 (coma).
     gain: f64,
     /// Degree of these modes.
     gain_degree: u32,
@@ -85,15 +84,16 @@ impl FormError {
     }
 }
 
-/// The data with what the forms of the model's effects may be off by beside its first `baseline` columns; `None` where
-/// that is less than can be seen, and where no calibration is held fixed: the baseline follows what is smooth then.
-pub(crate) fn with_forms_off(
+/// What the forms of the model's effects may be off by beside its first `baseline` columns, and what the data hold of that
+/// already; `None` where the former is less than can be seen, and where no calibration is held fixed: the baseline follows
+/// what is smooth then.
+pub(crate) fn form_error(
     data: &Dataset,
     model: &[Vec<f64>],
     baseline: usize,
     effects: &[InModel],
     weights: &Weights,
-) -> Option<Dataset> {
+) -> Option<FormError> {
     let off: Vec<(Part, &InModel)> =
         effects.iter().filter_map(|own| Some((part(own.effect, own.steady)?, own))).collect();
     let Some(Held::Geometry(held)) = &data.held else { return None };
@@ -115,14 +115,11 @@ pub(crate) fn with_forms_off(
     }
     let own_arcsec = own_square.sqrt();
     columns.extend(modes(&held.sight, own_arcsec));
-    (own_arcsec > FLOOR_NOISE * median(&weights.sigma)).then(|| Dataset {
-        form_error: Arc::new(FormError { arcsec: own_arcsec.hypot(data.form_error.arcsec), columns }),
-        field: OnceLock::new(),
-        ..data.clone()
-    })
+    let arcsec = own_arcsec.hypot(data.form_error.arcsec);
+    (own_arcsec > FLOOR_NOISE * median(&weights.sigma)).then_some(FormError { arcsec, columns })
 }
 
-/// The form itself, more here and less there. Products come along both axes in turn: one of each pair is the scalar.
+/// The form itself, larger here and smaller there. Products come along both axes in turn: one of each pair is the scalar.
 fn modulated(sight: &[DVec2], displacement: &[f64], part: Part) -> Vec<Vec<f64>> {
     products(sight, half_widths(sight), 0, part.gain_degree, |_| part.gain)
         .into_iter()
@@ -136,7 +133,7 @@ fn modulated(sight: &[DVec2], displacement: &[f64], part: Part) -> Vec<Vec<f64>>
         .collect()
 }
 
-/// What a diagnosis says of it.
+/// What the user is told of it.
 pub(crate) fn note(data: &Dataset) -> Option<String> {
     (data.form_error.arcsec > 0.0).then(|| {
         format!(

@@ -12,7 +12,7 @@ use crate::catalogue::{Effect, Variant, effects, of_other_lenses, wide};
 use crate::data::Dataset;
 use crate::diagnose::{DiagnoseOptions, NotTestable};
 use crate::flips::Flips;
-use crate::form_error::{InModel, part, with_forms_off};
+use crate::form_error::{InModel, form_error, part};
 use crate::noise::{RobustFit, robust_fit};
 use crate::other_columns::Follows;
 use crate::ranking::{Ranked, confusable, pick, rank};
@@ -96,7 +96,8 @@ pub(crate) struct Search<'a> {
     /// The data; beside accepted effects of the lenses their forms may be off.
     pub(crate) data: Arc<Dataset>,
     /// The same while nothing was accepted.
-    given: &'a Dataset,
+    given: Arc<Dataset>,
+    /// Number of its columns in `base`.
     baseline: usize,
     fits: Fits,
     prepared: &'a [Prepared<'a>],
@@ -122,19 +123,19 @@ pub(crate) struct Search<'a> {
 
 impl<'a> Search<'a> {
     pub(crate) fn new(
-        data: &'a Dataset,
+        data: Arc<Dataset>,
         prepared: &'a [Prepared<'a>],
         options: &DiagnoseOptions,
         base: Vec<Vec<f64>>,
         later: bool,
     ) -> Self {
         Self {
-            data: Arc::new(data.clone()),
-            given: data,
             baseline: base.len(),
             fits: Fits::default(),
             prepared,
-            flips: Arc::new(Flips::draw(data, options.flips, options.seed)),
+            flips: Arc::new(Flips::draw(&data, options.flips, options.seed)),
+            given: Arc::clone(&data),
+            data,
             drawn: options.clone(),
             later,
             excluded: vec![false; prepared.len()],
@@ -181,9 +182,10 @@ impl<'a> Search<'a> {
             let steady = prepared.variants[own.variant].is_steady();
             effects.push(InModel { effect: prepared.effect.id, steady, columns: from..model.len() });
         }
-        let off = with_forms_off(self.given, &model, self.baseline, &effects, &weights);
-        if off.is_some() || !Arc::ptr_eq(&self.data.form_error, &self.given.form_error) {
-            self.data = Arc::new(off.unwrap_or_else(|| self.given.clone()));
+        let off = form_error(&self.given, &model, self.baseline, &effects, &weights);
+        if off.is_some() || !Arc::ptr_eq(&self.data, &self.given) {
+            self.data =
+                off.map_or_else(|| Arc::clone(&self.given), |off| Arc::new(self.given.with_form_error(off)));
             self.fits = Fits::default();
             self.flips = Arc::new(Flips::draw(&self.data, self.drawn.flips, self.drawn.seed));
         }
@@ -195,14 +197,14 @@ impl<'a> Search<'a> {
             let prepared = &self.prepared[own.index];
             part(prepared.effect.id, prepared.variants[own.variant].is_steady()).is_some()
         };
-        if self.accepted[..count].iter().any(of_lenses) { &self.data } else { self.given }
+        if self.accepted[..count].iter().any(of_lenses) { &self.data } else { &self.given }
     }
 
     /// Takes an accepted effect out of the model; it is not looked for again.
-    pub(crate) fn take_out(&mut self, place: usize, baseline: &[Vec<f64>]) {
+    pub(crate) fn take_out(&mut self, place: usize) {
         self.accepted.remove(place);
         self.sets.remove(place);
-        self.base = baseline.to_vec();
+        self.base.truncate(self.baseline);
         for accepted in &self.accepted {
             self.base.extend(accepted.columns.iter().cloned());
         }

@@ -305,6 +305,11 @@ impl Dataset {
         self.isotropic_from_error.as_ref().map_or(DMat2::IDENTITY, |isotropic| isotropic[row])
     }
 
+    /// The same data beside forms that may be off.
+    pub(crate) fn with_form_error(&self, form_error: FormError) -> Self {
+        Self { form_error: Arc::new(form_error), field: OnceLock::new(), ..self.clone() }
+    }
+
     /// The error of a calibration that is held fixed.
     pub(crate) fn field(&self) -> Option<&Field> {
         self.held.as_ref().map(|held| self.field.get_or_init(|| held.field(&self.form_error)))
