@@ -6,10 +6,9 @@ use std::sync::Arc;
 use retina_files::{InputError, nearest};
 use retina_formats::EffectId;
 
-use crate::catalogue::{Effect, STEADY, effects, wide};
+use crate::catalogue::{Effect, effects, wide};
 use crate::data::Dataset;
 use crate::effect_file::EffectOfFile;
-use crate::form_error::{FormError, InModel, form_error};
 use crate::linear::{Basis, dot, solve_positive};
 use crate::noise::robust_fit;
 use crate::own::{OwnEffect, evaluate, readable_columns};
@@ -196,32 +195,9 @@ const TURNS: usize = 60;
 const MOST_TRACES: usize = 6;
 
 /// Fits the users' parameters and lays out all columns; those of a display that stands aside, and of a strong coma, about
-/// what was found. Forms may be off as those of lenses are.
+/// what was found.
 pub(crate) fn adjusted(data: &Dataset, added: &[AddedEffect]) -> Adjusted {
-    let (about, out) = settled(data, added);
-    match forms_off(&out, added) {
-        // Second orders are those beside it.
-        Some(off) => laid_out(&about.as_ref().unwrap_or(data).with_form_error(off), added),
-        None => out,
-    }
-}
-
-/// What the forms of the added effects may be off by, as far as these are fitted.
-fn forms_off(fitted: &Adjusted, added: &[AddedEffect]) -> Option<FormError> {
-    let baseline = fitted.owner.iter().take_while(|owner| owner.is_none()).count();
-    let in_model = |(index, effect): (usize, &AddedEffect)| {
-        let own = |at: &usize| fitted.owner[*at] == Some(index);
-        let first = (baseline..fitted.base.len()).find(own)?;
-        let count = (first..fitted.base.len()).take_while(own).count();
-        let steady = fitted.shape.iter().any(|(of, name, _)| *of == index && name.ends_with(STEADY));
-        Some(InModel { effect: effect.id()?, steady, columns: first..first + count })
-    };
-    let effects: Vec<InModel> = added.iter().enumerate().filter_map(in_model).collect();
-    if effects.is_empty() || fitted.data.held.is_none() {
-        return None;
-    }
-    let weights = robust_fit(&fitted.data, &fitted.base).weights;
-    form_error(&fitted.data, &fitted.base, baseline, &effects, &weights)
+    settled(data, added).1
 }
 
 /// The same, with the data whose forms are made about it; `None` where these are the given ones.

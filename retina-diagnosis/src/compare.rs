@@ -5,7 +5,6 @@ use crate::data::{ARCSEC_PER_RAD, Dataset};
 use crate::decode::{Decoded, decode};
 use crate::doubts::doubts;
 use crate::flips::Flips;
-use crate::form_error;
 use crate::noise::{Weights, lost_groups, robust_fit};
 use crate::scatter::{Noise, noise};
 use crate::score::Frame;
@@ -100,7 +99,6 @@ pub fn compare(data: &Dataset, added: &[AddedEffect]) -> Comparison {
     notes.extend(Together::of(data, &fit.residual, &fit.weights).map(|together| together.note()));
     let noise = Noise::beside(scatter, data, &fit);
     notes.extend(doubts(data, &noise, &fit.weights));
-    notes.extend(form_error::note(data));
     let total: f64 = frame.error.iter().map(|e| e * e).sum();
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|&a, &b| {

@@ -435,6 +435,7 @@ fn candidates(
         .into_par_iter()
         .map(|ranked| {
             let form = &prepared[ranked.index];
+            let own = accepted.iter().find(|own| own.index == ranked.index);
             let leading = &form.variants[ranked.variant].leading;
             let names = leading.iter().map(|term| term.name.clone()).collect();
             let mut parameters = beside.with(&form.columns[ranked.variant]).named(baseline.len(), names);
@@ -448,7 +449,7 @@ fn candidates(
             }
             Candidate {
                 effect: form.effect.name(),
-                p_value: ranked.p_value,
+                p_value: own.map_or(ranked.p_value, |own| own.p_value),
                 heldout_rms: ranked.held_out.rms,
                 parameters,
                 implausible,

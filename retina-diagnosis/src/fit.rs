@@ -8,7 +8,6 @@ use retina_files::InputError;
 use crate::added::{AddedEffect, Adjusted, SECOND_ORDERS, adjusted};
 use crate::data::{Dataset, Flip};
 use crate::estimate::{Parameter, estimate};
-use crate::form_error;
 use crate::linear::dot;
 use crate::noise::robust_fit;
 use crate::own::evaluate;
@@ -95,7 +94,6 @@ pub fn fit(data: &Dataset, added: &[AddedEffect]) -> Result<Fit, InputError> {
         .help("leave one of them out: `retina effects ID` names those that look alike"));
     }
     let mut notes = data.notes.clone();
-    notes.extend(form_error::note(&shifted));
     for i in 0..n {
         for j in 0..i {
             // Second orders are printed together, and share what they are by construction.

@@ -3,7 +3,8 @@
 //! An effect's form is traced through the setup's prescription. Radii, indices, gaps, tilts and decentres are off by their
 //! tolerances, and the form with them: by a small part of the effect that is smooth over the field and largest at its
 //! edge. Beside a strong effect this is more than the noise, and would look like further effects. So it is a random field
-//! beside the model, as the error of the calibration is, once an effect is found.
+//! beside the model, as the error of the calibration is, once a diagnosis has found the effect. A fit of effects that are
+//! given takes their forms as they are.
 //!
 //! Sizes and shape are those of eight facilities drawn within the tolerances of `validation/as_built.py` from two
 //! designs: displacements by each effect, less those of the nominal design times the scale that fits best. By restricted
@@ -84,9 +85,8 @@ impl FormError {
     }
 }
 
-/// What the forms of the model's effects may be off by beside its first `baseline` columns, and what the data hold of that
-/// already; `None` where the former is less than can be seen, and where no calibration is held fixed: the baseline follows
-/// what is smooth then.
+/// What the forms of the model's effects may be off by beside its first `baseline` columns; `None` where that is less than
+/// can be seen, and where no calibration is held fixed: the baseline follows what is smooth then.
 pub(crate) fn form_error(
     data: &Dataset,
     model: &[Vec<f64>],
@@ -102,21 +102,19 @@ pub(crate) fn form_error(
     }
     let found = estimate(data, model, weights);
     let basis = Basis::of(model[..baseline].iter().cloned());
-    let mut columns = data.form_error.columns.clone();
-    let mut own_square = 0.0;
+    let (mut columns, mut square) = (Vec::new(), 0.0);
     for (part, own) in &off {
         let mut displacement = vec![0.0; data.y.len()];
         for at in own.columns.clone() {
             displacement.iter_mut().zip(&model[at]).for_each(|(sum, value)| *sum += found.values[at] * value);
         }
         let beside = basis.residual(displacement.clone());
-        own_square += part.smooth.powi(2) * dot(&beside, &beside) / beside.len() as f64;
+        square += part.smooth.powi(2) * dot(&beside, &beside) / beside.len() as f64;
         columns.extend(modulated(&held.sight, &displacement, *part));
     }
-    let own_arcsec = own_square.sqrt();
-    columns.extend(modes(&held.sight, own_arcsec));
-    let arcsec = own_arcsec.hypot(data.form_error.arcsec);
-    (own_arcsec > FLOOR_NOISE * median(&weights.sigma)).then_some(FormError { arcsec, columns })
+    let arcsec = square.sqrt();
+    columns.extend(modes(&held.sight, arcsec));
+    (arcsec > FLOOR_NOISE * median(&weights.sigma)).then_some(FormError { arcsec, columns })
 }
 
 /// The form itself, larger here and smaller there. Products come along both axes in turn: one of each pair is the scalar.
@@ -133,7 +131,7 @@ fn modulated(sight: &[DVec2], displacement: &[f64], part: Part) -> Vec<Vec<f64>>
         .collect()
 }
 
-/// What the user is told of it.
+/// What a diagnosis says of it.
 pub(crate) fn note(data: &Dataset) -> Option<String> {
     (data.form_error.arcsec > 0.0).then(|| {
         format!(

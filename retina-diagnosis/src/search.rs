@@ -63,6 +63,8 @@ pub(crate) struct Accepted {
     /// Its number among those that are prepared, and that of its form.
     pub(crate) index: usize,
     pub(crate) variant: usize,
+    /// p-value in the step that accepted it.
+    pub(crate) p_value: f64,
     /// What was taken out with it.
     pub(crate) columns: Vec<Vec<f64>>,
     /// Whether second orders of its own were needed.
@@ -158,10 +160,17 @@ impl<'a> Search<'a> {
         if self.accepted.is_empty() && !self.later { first } else { later }
     }
 
-    fn accept(&mut self, index: usize, variant: usize, set: Vec<usize>, follows: Option<Follows>) {
+    fn accept(
+        &mut self,
+        index: usize,
+        variant: usize,
+        p_value: f64,
+        set: Vec<usize>,
+        follows: Option<Follows>,
+    ) {
         let columns = self.prepared[index].whole(&self.data, variant);
         self.base.extend(columns.iter().cloned());
-        self.accepted.push(Accepted { index, variant, columns, widened: false, follows });
+        self.accepted.push(Accepted { index, variant, p_value, columns, widened: false, follows });
         self.excluded[index] = true;
         for &member in &set {
             self.excluded[member] = true;
@@ -248,7 +257,7 @@ impl<'a> Search<'a> {
         if p_value > LEVEL_GROUP || offset.abs() < FLOOR_GROUP {
             return None;
         }
-        self.accept(index, group, vec![index], None);
+        self.accept(index, group, p_value, vec![index], None);
         Some(format!(
             "series `{}` is off by a factor of {:.3} (Grubbs' test of the series' levels). No other series knows that factor: the errors are told on rows left out, not on whole series",
             self.data.groups[group].name,
@@ -289,7 +298,7 @@ impl<'a> Search<'a> {
             self.first_ranking.get_or_insert(ranking);
             return Tried::Nothing;
         };
-        let (index, variant) = (best.index, best.variant);
+        let (index, variant, p_value) = (best.index, best.variant, best.p_value);
         let follows =
             Follows::find(&frame, prepared[index].effect, &prepared[index].columns, variant, &best.held_out);
         let follows = match follows {
@@ -303,7 +312,7 @@ impl<'a> Search<'a> {
         };
         let set = confusable(&frame, &self.base, prepared, &ranking, best, level, flips);
         self.first_ranking.get_or_insert(ranking);
-        self.accept(index, variant, set, follows);
+        self.accept(index, variant, p_value, set, follows);
         self.widen();
         Tried::Accepted
     }

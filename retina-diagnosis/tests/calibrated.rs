@@ -183,6 +183,9 @@ fn forms_of_lenses_as_built_are_no_further_effects() {
     let both = against(&setup, &path, 802, 999, &|p| (lens(p) + bow(p)) / (1.0 + tilt.dot(p.r)));
     assert_eq!(both.accepted.len(), 2, "{:?} {:?}", both.accepted, both.unexplained);
     assert!(["screen_bow", "screen_tilt"].iter().all(|id| both.indistinguishable.contains(id)));
+    // Beside the bow, which is much larger, the second one alone would not be significant.
+    let p_value = |id: &&str| both.candidates.iter().find(|c| c.effect == *id).unwrap().p_value;
+    assert!(both.accepted.iter().all(|id| p_value(id) <= 0.01), "{:?}", both.candidates);
 }
 
 /// The display follows (B / 255)^1.3, and coma moves bright points. A calibration that was made by this response is read
