@@ -9,7 +9,7 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use rayon::prelude::*;
-use retina_diagnosis::{Dataset, effects};
+use retina_diagnosis::Dataset;
 use retina_files::InputError;
 use retina_formats::TableKind;
 use retina_geometry::Setup;
@@ -37,6 +37,8 @@ const LIST: &str = "investigated";
 struct Investigated {
     set: usize,
     known: Vec<String>,
+    /// Columns of the known effects.
+    known_columns: Vec<Vec<String>>,
     /// Columns of each formula.
     formulas: Vec<Vec<String>>,
     /// Columns of those that are told to be weak: perhaps what another formula's laws lack.
@@ -102,7 +104,8 @@ fn one(folder: &Path, setup: &Setup, set: usize) -> Result<Investigated, InputEr
     };
     Ok(Investigated {
         set,
-        known: found.known.iter().map(|id| (*id).to_owned()).collect(),
+        known: found.known.iter().map(|known| known.effect.to_owned()).collect(),
+        known_columns: found.known.iter().map(|known| known.columns.clone()).collect(),
         formulas: columns_of(false),
         weak: columns_of(true),
         p: found.terms.first().map(|term| term.proof.p_value),
@@ -203,14 +206,7 @@ pub fn score_investigated(folder: &Path) -> Result<(Vec<Target>, String), InputE
         let findable =
             derived.get(&plan.set).is_some_and(|d| d.oracle_sigma.iter().all(|z| *z >= FINDABLE_SIGMA));
         let truth = columns(plan.covariates.iter().map(String::as_str));
-        let of_known = effects(None).into_iter().filter(|e| said.known.iter().any(|id| id == e.name()));
-        let found = columns(
-            said.formulas
-                .iter()
-                .flatten()
-                .map(String::as_str)
-                .chain(of_known.flat_map(|e| e.covariates().iter().copied())),
-        );
+        let found = columns(said.formulas.iter().chain(&said.known_columns).flatten().map(String::as_str));
         let error = error_of(folder, said);
         let count = right.entry(format!("{}", formula.strength)).or_default();
         count[0] += 1;

@@ -20,9 +20,11 @@ pub(crate) fn chance(shares: &[f64], squares: &[f64], seed: u64) -> f64 {
     if carry < FEW_CARRY { by_student(shares, squares) } else { by_flips(shares, seed) }
 }
 
-/// The share of flipped signs whose sum is at least as large.
+/// The share of flipped signs whose sum is at least as large. The model has taken a mean out of the units' errors, so they are
+/// smaller than those that are flipped would be by (1 - 1 / units)^(1/2).
 fn by_flips(shares: &[f64], seed: u64) -> f64 {
-    let found: f64 = shares.iter().sum();
+    let taken_out = (1.0 - 1.0 / shares.len().max(2) as f64).sqrt();
+    let found: f64 = taken_out * shares.iter().sum::<f64>();
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let reached = (0..FLIPS)
         .filter(|_| {

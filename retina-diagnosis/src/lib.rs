@@ -86,7 +86,7 @@ pub use model_file::write_model;
 pub use next::NextMeasurement;
 pub use output::{compare_text, diagnose_text, effects_text, fit_text, predictions_text, write_predictions};
 pub use own::{OwnEffect, OwnParameter, difference_step};
-pub use parts::{FormScore, Halves, LeftOut, Proof, Remainder, TooFew};
+pub use parts::{FormScore, Halves, LeftOut, Part, Proof, Remainder, TooFew};
 pub use physical::Physical;
 pub use pixel_noise::{Neighbours, White, white_noise};
 pub use report::{

@@ -13,7 +13,7 @@ use crate::added::{AddedEffect, adjusted};
 use crate::balance::balanced;
 use crate::catalogue::{Effect, Variant, effects};
 use crate::chance::chance;
-use crate::data::{Dataset, Flip};
+use crate::data::{Dataset, Flip, Term};
 use crate::level::Level;
 use crate::levels_left::Gain;
 use crate::linear::{Basis, dot, least_squares};
@@ -44,6 +44,15 @@ pub struct Halves {
     search: Rows,
     judge: Rows,
     noise: Noise,
+}
+
+/// Rows in which forms are looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// The half that does not judge.
+    Half,
+    /// The whole table.
+    Whole,
 }
 
 /// Why a table cannot be halved.
@@ -82,6 +91,13 @@ pub struct FormScore {
     pub rank: usize,
     /// Rms of what it explains over that of the noise.
     pub strength: f64,
+}
+
+impl FormScore {
+    /// What it takes off the squares less what its amplitudes cost, by the Bayesian information criterion.
+    pub fn merit(&self) -> f64 {
+        self.gain - self.values.ln() * self.rank as f64
+    }
 }
 
 /// What a model leaves on some rows: forms are scored beside it.
@@ -164,17 +180,27 @@ impl<'a> Remainder<'a> {
         let mut out: Vec<(&'static str, f64)> = effects(Some(data.kind))
             .par_iter()
             .filter_map(|effect| {
-                let share = |variant: &Variant<'_>| -> f64 {
-                    let terms = variant.leading.iter().chain(&variant.further);
-                    let columns: Vec<Vec<f64>> = terms.map(|term| data.column(term)).collect();
-                    self.frame.directions(&columns).iter().map(|q| dot(q, &own).powi(2)).sum::<f64>() / square
+                let share = |columns: &Vec<Vec<f64>>| -> f64 {
+                    self.frame.directions(columns).iter().map(|q| dot(q, &own).powi(2)).sum::<f64>() / square
                 };
-                let shares = effect.build(data).ok()?.iter().map(share).fold(0.0, f64::max);
+                let shares = forms_of(effect, data)?.iter().map(share).fold(0.0, f64::max);
                 Some((effect.name(), shares.min(1.0)))
             })
             .collect();
         out.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(b.0)));
         out
+    }
+
+    /// A catalogued effect in its form that has the most merit, with second orders or without: its score, and errors of units
+    /// left out. `None` where the rows cannot show it.
+    pub fn known(&self, effect: &Effect) -> Option<(FormScore, LeftOut)> {
+        let data = self.frame.data;
+        let mut forms = forms_of(effect, data)?;
+        let columns = |terms: &[Term<'_>]| terms.iter().map(|term| data.column(term)).collect();
+        forms.extend(effect.build(data).ok()?.iter().map(|variant| columns(&variant.leading)));
+        let scores = self.scores(&forms);
+        let best = (0..forms.len()).max_by(|&a, &b| scores[a].merit().total_cmp(&scores[b].merit()))?;
+        Some((scores[best], self.left_out(&forms[best])))
     }
 
     /// Number of components that count.
@@ -220,30 +246,37 @@ impl Halves {
         Ok(Self { whole: Rows { rows, data, base }, search, judge, noise })
     }
 
+    /// The same halves in each other's place: the one that judged is searched.
+    pub fn exchanged(self) -> Self {
+        Self { whole: self.whole, search: self.judge, judge: self.search, noise: self.noise }
+    }
+
     /// The noise of the table.
     pub fn noise(&self) -> &Noise {
         &self.noise
     }
 
-    /// Rows of the half in which forms are looked for.
-    pub fn searched(&self) -> &Dataset {
-        &self.search.data
+    /// Rows of a part, without what the added effects are beyond their columns.
+    pub fn data(&self, part: Part) -> &Dataset {
+        &self.rows(part).data
     }
 
-    /// All rows, without what the added effects are beyond their columns.
-    pub fn whole(&self) -> &Dataset {
-        &self.whole.data
+    fn rows(&self, part: Part) -> &Rows {
+        match part {
+            Part::Half => &self.search,
+            Part::Whole => &self.whole,
+        }
     }
 
-    /// What the model leaves in the half in which forms are looked for, weighed as if these columns belonged to it.
-    pub fn search(&self, with: &[Vec<f64>]) -> Remainder<'_> {
-        self.search.remainder(with)
+    /// What the model leaves in a part, weighed as if these columns belonged to it.
+    pub fn left(&self, part: Part, with: &[Vec<f64>]) -> Remainder<'_> {
+        self.rows(part).remainder(with)
     }
 
     /// The same, but what the model lacks may be strong: outliers that lie together and point the same way count. Where the
     /// others are many, all rows weigh the same, and the largest errors are cut.
-    pub fn search_unrejected(&self, with: &[Vec<f64>]) -> Remainder<'_> {
-        let Rows { data, base, .. } = &self.search;
+    pub fn left_unrejected(&self, part: Part, with: &[Vec<f64>]) -> Remainder<'_> {
+        let Rows { data, base, .. } = self.rows(part);
         let columns: Vec<Vec<f64>> = base.iter().chain(with).cloned().collect();
         let mut fit = robust_fit(data, &columns);
         if let Some(together) = Together::of(data, &fit.residual, &fit.weights) {
@@ -257,21 +290,6 @@ impl Halves {
             Frame::weighted(data, base, fit.weights)
         };
         Remainder { frame, base }
-    }
-
-    /// What the model leaves in the half that judges.
-    pub fn judge(&self, with: &[Vec<f64>]) -> Remainder<'_> {
-        self.judge.remainder(&self.judge.cut(with))
-    }
-
-    /// Columns over all rows, cut to those of the half that judges.
-    pub fn judged(&self, columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        self.judge.cut(columns)
-    }
-
-    /// What the model leaves in all rows.
-    pub fn all(&self, with: &[Vec<f64>]) -> Remainder<'_> {
-        self.whole.remainder(with)
     }
 
     /// Judges a form: `predicted` is what the other half says it adds to each row of the table, in the table's unit;
@@ -337,24 +355,17 @@ impl Halves {
     /// Judges a catalogued effect: fitted in the half that searches, in its form that fits best there. `None` where the table
     /// cannot show it.
     pub fn prove_known(&self, effect: &Effect, seed: u64) -> Option<Proof> {
-        let data = &self.whole.data;
-        let left = self.search(&[]);
-        let (_, columns) = effect
-            .build(data)
-            .ok()?
-            .iter()
-            .map(|variant| {
-                let terms = variant.leading.iter().chain(&variant.further);
-                let columns: Vec<Vec<f64>> = terms.map(|term| data.column(term)).collect();
-                (left.scores(&[self.search.cut(&columns)])[0].statistic, columns)
-            })
+        let left = self.left(Part::Half, &[]);
+        let (_, columns) = forms_of(effect, &self.whole.data)?
+            .into_iter()
+            .map(|columns| (left.scores(&[self.search.cut(&columns)])[0].statistic, columns))
             .max_by(|a, b| a.0.total_cmp(&b.0))?;
         Some(self.prove_columns(&columns, seed))
     }
 
     /// Judges columns over all rows: their amplitudes are fitted in the half that searches.
     pub fn prove_columns(&self, columns: &[Vec<f64>], seed: u64) -> Proof {
-        let amplitudes = self.search(&[]).amplitudes(&self.search.cut(columns));
+        let amplitudes = self.left(Part::Half, &[]).amplitudes(&self.search.cut(columns));
         let mut predicted = vec![0.0; self.whole.data.y.len()];
         for (column, (amplitude, _)) in columns.iter().zip(amplitudes) {
             predicted.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
@@ -438,6 +449,14 @@ impl Halves {
         }
         std::mem::take(&mut white[1])
     }
+}
+
+/// Columns of an effect's forms, second orders with them; `None` where the rows cannot show it.
+fn forms_of(effect: &Effect, data: &Dataset) -> Option<Vec<Vec<Vec<f64>>>> {
+    let columns = |variant: &Variant<'_>| {
+        variant.leading.iter().chain(&variant.further).map(|term| data.column(term)).collect()
+    };
+    Some(effect.build(data).ok()?.iter().map(columns).collect())
 }
 
 /// A column for each group and component that is 1 there.

@@ -8,7 +8,7 @@ use common::{Campaign, setup};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
-use retina_diagnosis::{Dataset, Halves};
+use retina_diagnosis::{Dataset, Halves, Part};
 
 /// Exposures scatter and do not follow each other. The likeliest correlation is often too large, and would
 /// bring the errors that the form was fitted to into the proof. The form is the best of 200: the same shift along one axis,
@@ -42,10 +42,10 @@ fn the_best_shift_in_the_scatter_of_exposures_is_seldom_proven() {
                     .flat_map(|t| if k.is_multiple_of(2) { [of(t), 0.0] } else { [0.0, of(t)] })
                     .collect()
             };
-            let left = halves.search(&[]);
-            let score = |k: usize| left.scores(&[vec![shift(halves.searched(), k)]])[0].statistic;
+            let left = halves.left(Part::Half, &[]);
+            let score = |k: usize| left.scores(&[vec![shift(halves.data(Part::Half), k)]])[0].statistic;
             let best = (0..200).max_by(|&a, &b| score(a).total_cmp(&score(b))).unwrap();
-            halves.prove_columns(&[shift(halves.whole(), best)], 1).p_value <= 0.05
+            halves.prove_columns(&[shift(halves.data(Part::Whole), best)], 1).p_value <= 0.05
         })
         .count();
     println!("{proven} of 1000");

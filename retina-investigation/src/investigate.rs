@@ -1,17 +1,19 @@
 //! Rounds of the investigation: search in one half, proof in the other, the formula on all data, and what is left.
 
-use std::sync::atomic::AtomicUsize;
-
 use rayon::prelude::*;
-use retina_diagnosis::{AddedEffect, Dataset, DiagnoseOptions, Halves, Proof, diagnose_step, fit};
+use retina_diagnosis::{
+    AddedEffect, Dataset, DiagnoseOptions, Halves, LeftOut, Part, Proof, Remainder, diagnose_step, effects,
+    fit,
+};
 use retina_files::InputError;
 use retina_formats::TableKind;
 
 use crate::columns::{Column, Table, columns};
 use crate::form::Form;
-use crate::outcome::{Investigation, Term, Unproven, WeakEffect};
-use crate::rivals::{Choice, inseparable, sum};
-use crate::search::{Scored, Search, WEAK, finite, simplest};
+use crate::half::{InHalf, Judge, Sought};
+use crate::outcome::{Investigation, KnownEffect, Term, Unproven, WeakEffect};
+use crate::rivals::{Choice, TOLD_APART, inseparable, sum};
+use crate::search::{Scored, WEAK, finite, simplest};
 use crate::words::words;
 
 /// What is asked of an investigation.
@@ -34,7 +36,7 @@ pub(crate) const LEVEL: f64 = 0.01;
 /// Families that are judged beside the first.
 const JUDGED: usize = 12;
 /// Level at which another form may take the place of the one that the search chose.
-const LEVEL_RIVAL: f64 = 0.05;
+const LEVEL_RIVAL: f64 = 0.1;
 /// A structure weaker than this, rms over noise, is not reported.
 const FLOOR: f64 = 0.025;
 /// Most known effects that join the model.
@@ -99,7 +101,7 @@ pub fn investigate(
 struct Rounds<'a> {
     data: &'a Dataset,
     model: Vec<AddedEffect>,
-    known: Vec<&'static str>,
+    known: Vec<KnownEffect>,
     known_weak: Vec<WeakEffect>,
     terms: Vec<Term>,
     /// Their forms, with amplitudes.
@@ -113,8 +115,8 @@ struct Rounds<'a> {
 
 /// What a round adds to the model.
 enum Chosen {
-    /// A catalogued effect that is nearly the same as the formula that was found.
-    Known(&'static str),
+    /// A catalogued effect that the data do not tell from the formula that was found.
+    Known(KnownEffect),
     Formula(Box<Term>, AddedEffect),
 }
 
@@ -142,10 +144,34 @@ impl Rounds<'_> {
             let Some(proof) = self.holds(&effect) else { continue };
             if !self.weak(id, &proof) && self.fits_with(&effect) {
                 self.model.push(effect);
-                self.known.push(id);
+                self.known.push(KnownEffect::catalogued(id));
             }
         }
-        Ok(self.known.len() > before)
+        if self.known.len() == before {
+            return Ok(false);
+        }
+        self.leave_out_what_was_known();
+        Ok(true)
+    }
+
+    /// Takes out formulas that do not hold beside the known effects: they were a part of these.
+    fn leave_out_what_was_known(&mut self) {
+        for k in (0..self.terms.len()).rev() {
+            let name = self.terms[k].name.clone();
+            let others: Vec<AddedEffect> =
+                self.model.iter().filter(|effect| effect.name() != name).cloned().collect();
+            let Ok(halves) = Halves::new(self.data, &others) else { continue };
+            let columns = columns(halves.data(Part::Whole));
+            let whole = Table::new(halves.data(Part::Whole), &columns);
+            let form = finite(self.forms[k].0.evaluate(&whole, &columns));
+            let seed = self.options.seed;
+            let holds = |halves: &Halves| stands(&halves.prove_columns(&form, seed));
+            if !holds(&halves) && !holds(&halves.exchanged()) {
+                self.model = others;
+                self.terms.remove(k);
+                self.forms.remove(k);
+            }
+        }
     }
 
     /// Whether a known effect is so weak beside a formula that it may be only what the laws of that lack; notes it then.
@@ -169,7 +195,7 @@ impl Rounds<'_> {
 
     /// Looks for one more formula; false where none is proven.
     fn round(&mut self) -> Result<bool, InputError> {
-        let halves = Halves::new(self.data, &self.model).map_err(|few| {
+        let mut halves = Halves::new(self.data, &self.model).map_err(|few| {
             InputError::new(
                 "--data",
                 "the table has too few groups: one half looks for a formula, the other judges it",
@@ -178,65 +204,56 @@ impl Rounds<'_> {
             .expected(format!("at least {}", few.needed))
             .help("measure more of them, or give several tables of one facility together")
         })?;
-        let columns = columns(halves.whole());
-        let searched = Table::new(halves.searched(), &columns);
-        let search = Search {
-            kind: self.data.kind,
-            columns: &columns,
-            table: &searched,
-            tried: AtomicUsize::new(0),
-            progress: self.progress,
-        };
-        let found = search.run(&halves);
-        self.tried += found.tried;
-        (self.progress)("judging", 0.9);
-        let Some(first) = found.scored.first() else { return Ok(false) };
-        let weights = finite(first.form.evaluate(&searched, &columns));
-        let left = halves.search(&weights);
-        let Some((chosen, _)) = simplest(&left, &search, &found.scored) else { return Ok(false) };
-        let whole = Table::new(halves.whole(), &columns);
-        let prove = |scored: &Scored| {
-            let amplitudes = left.amplitudes(&finite(scored.form.evaluate(&searched, &columns)));
-            let own = finite(scored.form.evaluate(&whole, &columns));
-            let predicted = sum(&own, amplitudes.iter().map(|(value, _)| *value));
-            halves.prove(&predicted, &own, self.options.seed)
-        };
-        let chosen = &found.scored[chosen];
-        let proof = prove(chosen);
-        let number = self.terms.len() + 1;
-        if proof.p_value > LEVEL || proof.strength < FLOOR {
-            let amplitudes: Vec<f64> = left
-                .amplitudes(&finite(chosen.form.evaluate(&searched, &columns)))
-                .iter()
-                .map(|(value, _)| *value)
-                .collect();
-            let held = vec![true; chosen.form.shapes()];
+        let columns = columns(halves.data(Part::Whole));
+        let whole = Table::new(halves.data(Part::Whole), &columns);
+        let (data, seed, progress) = (self.data, self.options.seed, self.progress);
+        let sought = Sought { data, columns: &columns, whole: &whole, seed, progress };
+        let Some(mut found) = sought.in_half(&halves, &mut self.tried) else { return Ok(false) };
+        if !stands(&found.proof) && self.terms.is_empty() && self.known.is_empty() {
+            // A half may be too small to tell which form it is: the other one is another chance.
+            halves = halves.exchanged();
+            match sought.in_half(&halves, &mut self.tried) {
+                Some(other) if other.proof.p_value < found.proof.p_value => found = other,
+                _ => {}
+            }
+        }
+        let name = self.free_name();
+        let InHalf { scored, chosen, amplitudes, proof } = found;
+        if !stands(&proof) {
+            let held = vec![true; chosen.shapes()];
             self.unproven = Some(Unproven {
-                effect: chosen.form.effect(&columns, self.data.kind, &name(number), &amplitudes, &held),
-                covariates: chosen.form.covariates(&columns),
+                effect: chosen.effect(&columns, self.data.kind, &name, &amplitudes, &held),
+                covariates: chosen.covariates(&columns),
                 proof,
             });
             return Ok(false);
         }
-        // The formula itself is chosen and fitted on all data; what the other half did not confirm is out.
-        let mut judged: Vec<Judged> = found
-            .scored
-            .par_iter()
-            .take(JUDGED)
-            .filter(|scored| scored.form != chosen.form)
-            .map(|scored| Judged { form: scored.form.clone(), proof: prove(scored) })
+        // There is something, and half of the groups may have been too few to tell which formula. So the search goes on from
+        // there on all data; what one half says has to hold in the other all the same.
+        let near = scored.iter().map(|scored| scored.form.clone()).collect();
+        let again = sought.search(Part::Whole, &whole).run(&halves, Some(near));
+        self.tried += again.tried;
+        let both = scored.iter().take(JUDGED).chain(again.scored.iter().take(JUDGED));
+        let judge = Judge::new(sought, &halves, &scored[0].form);
+        let mut judged: Vec<Judged> = both
+            .map(|scored| &scored.form)
+            .filter(|form| **form != chosen)
+            .collect::<Vec<_>>()
+            .into_par_iter()
+            .map(|form| Judged { form: form.clone(), proof: judge.prove(form) })
             .filter(|judged| judged.proof.p_value <= LEVEL_RIVAL)
             .collect();
-        judged.insert(0, Judged { form: chosen.form.clone(), proof });
-        let term = self.on_all_data(&halves, &columns, &whole, judged, name(number))?;
+        judged.insert(0, Judged { form: chosen, proof });
+        let term = self.on_all_data(&halves, sought, judged, name)?;
         match term {
             Some(Chosen::Formula(term, effect)) => {
                 self.terms.push(*term);
                 self.model.push(effect);
             }
-            Some(Chosen::Known(name)) => {
-                self.model.push(AddedEffect::read(name, self.data)?);
-                self.known.push(name);
+            Some(Chosen::Known(known)) => {
+                self.model.push(AddedEffect::read(known.effect, self.data)?);
+                self.known.push(known);
+                self.leave_out_what_was_known();
             }
             None => return Ok(false),
         }
@@ -247,19 +264,13 @@ impl Rounds<'_> {
     fn on_all_data(
         &mut self,
         halves: &Halves,
-        columns: &[Column],
-        whole: &Table,
+        sought: Sought<'_>,
         judged: Vec<Judged>,
         name: String,
     ) -> Result<Option<Chosen>, InputError> {
-        let search = Search {
-            kind: self.data.kind,
-            columns,
-            table: whole,
-            tried: AtomicUsize::new(0),
-            progress: self.progress,
-        };
-        let left = halves.all(&finite(judged[0].form.evaluate(whole, columns)));
+        let Sought { columns, whole, .. } = sought;
+        let search = sought.search(Part::Whole, whole);
+        let left = halves.left(Part::Whole, &finite(judged[0].form.evaluate(whole, columns)));
         let scored: Vec<Scored> = search.refined_anew(&left, judged.iter().map(|j| j.form.clone()).collect());
         let Some((best, errors)) = simplest(&left, &search, &scored) else { return Ok(None) };
         let own = &scored[best].form;
@@ -273,8 +284,14 @@ impl Rounds<'_> {
                 && !self.model.iter().any(|effect| effect.name() == *name)
                 && AddedEffect::read(name, self.data).is_ok_and(|effect| self.fits_with(&effect))
         };
-        if let Some(name) = alike.iter().map(|(name, _)| *name).find(|name| new(name)) {
-            return Ok((!self.weak(name, &judged[0].proof)).then_some(Chosen::Known(name)));
+        let known = alike
+            .iter()
+            .map(|(name, _)| *name)
+            .find(|name| new(name) && same(&left, name, &scored[best], &errors[best]));
+        if let Some(effect) = known {
+            let columns = own.covariates(columns);
+            return Ok((!self.weak(effect, &judged[0].proof))
+                .then_some(Chosen::Known(KnownEffect { effect, columns })));
         }
         let frozen = inseparable(&left, own, whole, columns, &amplitudes);
         let Some((text, effect)) = self.readable(own, columns, &name, &amplitudes, frozen) else {
@@ -296,9 +313,30 @@ impl Rounds<'_> {
         let covariates = own.covariates(columns);
         let weak_beside = self.weak_beside(rms, proof.strength)?;
         self.forms.push((own.clone(), amplitudes));
-        let term =
-            Term { name, effect: text, covariates, proof, rms, weak_beside, rivals, alike, words, field };
+        let term = Term {
+            name,
+            effect: text,
+            covariates,
+            complexity: own.complexity(),
+            heldout_rms: errors[best].rms(),
+            proof,
+            rms,
+            weak_beside,
+            rivals,
+            alike,
+            words,
+            field,
+        };
         Ok(Some(Chosen::Formula(Box::new(term), effect)))
+    }
+
+    /// The first of `found_1`, `found_2`, ... that the model does not have.
+    fn free_name(&self) -> String {
+        let mut number = 1;
+        while self.model.iter().any(|effect| effect.name() == format!("found_{number}")) {
+            number += 1;
+        }
+        format!("found_{number}")
     }
 
     /// The first formula that is so much stronger that what has this strength may be only what its laws lack.
@@ -391,6 +429,19 @@ impl Rounds<'_> {
     }
 }
 
-fn name(number: usize) -> String {
-    format!("found_{number}")
+/// Whether a catalogued effect does as well as a formula: units left out do not tell them apart, or the formula's merit is
+/// no larger. The formula was chosen among many laws, and its shapes were fitted.
+fn same(left: &Remainder<'_>, effect: &str, formula: &Scored, of_formula: &LeftOut) -> bool {
+    effects(Some(left.data().kind))
+        .into_iter()
+        .find(|known| known.name() == effect)
+        .and_then(|known| left.known(known))
+        .is_some_and(|(score, errors)| {
+            errors.beaten_by(of_formula) <= TOLD_APART || score.merit() >= formula.merit
+        })
+}
+
+/// Whether a formula that was judged has its place in the model.
+fn stands(proof: &Proof) -> bool {
+    proof.p_value <= LEVEL && proof.strength >= FLOOR
 }

@@ -1,6 +1,6 @@
 //! What an investigation says.
 
-use retina_diagnosis::{AddedEffect, Fit, Noise, Proof};
+use retina_diagnosis::{AddedEffect, Fit, Noise, Proof, effects};
 
 use crate::investigate::LEVEL;
 use crate::words::Words;
@@ -12,6 +12,10 @@ pub struct Rival {
     pub effect: String,
     /// Columns it depends on.
     pub covariates: Vec<String>,
+    /// How much there is to say: amplitudes, places and laws.
+    pub complexity: usize,
+    /// Error of units left out, per component in the table's unit.
+    pub heldout_rms: f64,
     /// Rms of the difference of the two over the table's rows, in the table's unit.
     pub difference_rms: f64,
     /// The row where they differ most: its columns, and the difference.
@@ -31,6 +35,10 @@ pub struct Term {
     pub effect: String,
     /// Columns it depends on.
     pub covariates: Vec<String>,
+    /// How much there is to say: amplitudes, places and laws.
+    pub complexity: usize,
+    /// Error of units left out, per component in the table's unit.
+    pub heldout_rms: f64,
     /// What the half says that the search has not seen.
     pub proof: Proof,
     /// Rms of what it adds, per component in the table's unit, beside the model.
@@ -45,6 +53,14 @@ pub struct Term {
     pub words: Words,
     /// What it adds to each row, components side by side, in the table's unit.
     pub field: Vec<f64>,
+}
+
+impl Term {
+    /// The effects' names, the formula itself first and then those that the data cannot tell from it.
+    pub fn names(&self) -> Vec<String> {
+        let rivals = (1..=self.rivals.len()).map(|k| format!("{}_rival_{k}", self.name));
+        std::iter::once(self.name.clone()).chain(rivals).collect()
+    }
 }
 
 /// What the search chose and the other half did not confirm.
@@ -65,6 +81,25 @@ impl Unproven {
     }
 }
 
+/// A known effect that was found and belongs to the model.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KnownEffect {
+    /// Its id.
+    pub effect: &'static str,
+    /// Columns that it depends on here: those of the formula that it stands for, or the catalogue's.
+    pub columns: Vec<String>,
+}
+
+impl KnownEffect {
+    /// One with the columns of the catalogue.
+    pub fn catalogued(effect: &'static str) -> Self {
+        let all = effects(None);
+        let columns =
+            all.iter().find(|known| known.name() == effect).map_or(&[][..], |known| known.covariates());
+        Self { effect, columns: columns.iter().map(|column| (*column).to_owned()).collect() }
+    }
+}
+
 /// A known effect that holds beside the formulas, and may be only what their laws lack. It is not in the model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WeakEffect {
@@ -79,7 +114,7 @@ pub struct WeakEffect {
 /// The outcome.
 pub struct Investigation {
     /// Known effects that were found beside the formulas and belong to the model.
-    pub known: Vec<&'static str>,
+    pub known: Vec<KnownEffect>,
     /// Known effects that are too weak beside a formula to belong to the model.
     pub known_weak: Vec<WeakEffect>,
     /// Formulas in the order in which they were found.

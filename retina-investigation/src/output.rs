@@ -1,9 +1,12 @@
 //! Results as text and JSON.
 
+use std::path::{Path, PathBuf};
+
 use retina_diagnosis::{Dataset, Proof, fit_json, fit_text};
+use retina_files::InputError;
 use serde_json::{Value, json};
 
-use crate::outcome::{Investigation, Rival, Term, WeakEffect};
+use crate::outcome::{Investigation, KnownEffect, Rival, Term, WeakEffect};
 use crate::words::short;
 
 /// What was found, in a word: `found` or `nothing`.
@@ -57,7 +60,7 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
     let mut out = vec![headline(result), String::new()];
     if !result.known.is_empty() {
         let beside = if result.terms.is_empty() { "" } else { " beside it" };
-        out.push(format!("known effects that were found{beside}: {}", result.known.join(", ")));
+        out.push(format!("known effects that were found{beside}: {}", known_text(result)));
     }
     for term in &result.terms {
         out.push(format!("{}: depends on {}", term.name, term.covariates.join(", ")));
@@ -102,6 +105,15 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
     out.extend(fit_text(data, &result.fit));
     out.extend(result.notes.iter().map(|note| format!("note: {note}")));
     out
+}
+
+/// Known effects with the columns that they depend on here.
+pub(crate) fn known_text(result: &Investigation) -> String {
+    let text = |known: &KnownEffect| match known.columns.is_empty() {
+        true => known.effect.to_owned(),
+        false => format!("{} ({})", known.effect, known.columns.join(", ")),
+    };
+    result.known.iter().map(text).collect::<Vec<_>>().join(", ")
 }
 
 pub(crate) fn weak_text(weak: &WeakEffect) -> String {
@@ -163,16 +175,98 @@ fn term_json(term: &Term) -> Value {
     })
 }
 
-/// `investigate --json`, schema `retina.investigation/1`.
-pub fn investigation_json(data: &Dataset, result: &Investigation) -> Value {
+/// The file of an effect in the folder of [`write_formulas`].
+fn file_of(folder: &Path, name: &str) -> PathBuf {
+    folder.join(format!("{name}.toml"))
+}
+
+/// Writes each formula, and those that the data cannot tell from it, into a folder: files that `--effect` takes.
+///
+/// # Errors
+/// The folder cannot be made, or a file not be written.
+pub fn write_formulas(folder: &Path, result: &Investigation) -> Result<(), InputError> {
+    let failed =
+        |path: &Path, error: std::io::Error| InputError::new(path, format!("cannot be written: {error}"));
+    std::fs::create_dir_all(folder).map_err(|error| failed(folder, error))?;
+    for term in &result.terms {
+        let texts = std::iter::once(&term.effect).chain(term.rivals.iter().map(|rival| &rival.effect));
+        for (name, text) in term.names().iter().zip(texts) {
+            let path = file_of(folder, name);
+            retina_files::write_atomic(&path, text.as_bytes()).map_err(|error| failed(&path, error))?;
+        }
+    }
+    Ok(())
+}
+
+/// A formula of the list that has all of them, equivalent ones together.
+fn formula_json(
+    name: &str,
+    folder: Option<&Path>,
+    effect: &str,
+    columns: &[String],
+    complexity: usize,
+    heldout_rms: f64,
+) -> Value {
+    let mut out = json!({
+        "name": name,
+        "file": folder.map(|folder| file_of(folder, name).display().to_string()),
+        "columns": columns,
+        "complexity": complexity,
+        "heldout_rms": heldout_rms,
+    });
+    for line in formula_lines(effect) {
+        if let Some((key, text)) = line.split_once(" = ") {
+            out[key] = text.trim_matches('"').into();
+        }
+    }
+    out
+}
+
+fn formulas_json(term: &Term, folder: Option<&Path>) -> Vec<Value> {
+    let own = (&term.effect, &term.covariates, term.complexity, term.heldout_rms);
+    let rivals = term.rivals.iter().map(|r| (&r.effect, &r.covariates, r.complexity, r.heldout_rms));
+    term.names()
+        .iter()
+        .zip(std::iter::once(own).chain(rivals))
+        .map(|(name, (effect, columns, complexity, rms))| {
+            formula_json(name, folder, effect, columns, complexity, rms)
+        })
+        .collect()
+}
+
+/// Where the first formula and its nearest rival differ most.
+fn next_json(result: &Investigation) -> Value {
+    let rivals = |term: &&Term| !term.rivals.is_empty();
+    let Some(term) = result.terms.iter().find(rivals) else { return Value::Null };
+    let rival = &term.rivals[0];
+    let place: Vec<String> =
+        rival.differs_at.iter().map(|(name, value)| format!("{name} = {}", short(*value))).collect();
+    json!({
+        "action": "measure_at",
+        "value": place.join(", "),
+        "separates": term.names()[..2],
+        "expected_sigma": rival.differs_by / result.noise.white.hypot(result.noise.group),
+    })
+}
+
+/// `investigate --json`, schema `retina.investigation/1`. `folder` is that of [`write_formulas`].
+pub fn investigation_json(data: &Dataset, result: &Investigation, folder: Option<&Path>) -> Value {
     let fitted = fit_json(data, &result.fit);
+    let proof = result.terms.first().map(|term| &term.proof);
+    let proof = proof.or(result.unproven.as_ref().map(|unproven| &unproven.proof));
+    let formulas: Vec<Value> = result.terms.iter().flat_map(|term| formulas_json(term, folder)).collect();
+    let known: Vec<&str> = result.known.iter().map(|known| known.effect).collect();
     json!({
         "schema": "retina.investigation/1",
         "table": data.kind.name(),
         "unit": data.kind.unit(),
         "verdict": verdict(result),
         "headline": headline(result),
-        "known": result.known,
+        "found": !result.terms.is_empty(),
+        "p_value": proof.map(|proof| proof.p_value),
+        "formulas": formulas,
+        "next_measurement": next_json(result),
+        "known": known,
         "known_weak": result.known_weak.iter().map(|weak| json!({
             "effect": weak.effect,
             "strength": weak.strength,

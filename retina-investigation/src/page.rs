@@ -4,7 +4,7 @@ use retina_diagnosis::{AddedEffect, Dataset, fit_page, followed_svg};
 use retina_report::{Page, Section};
 
 use crate::outcome::{Investigation, Term};
-use crate::output::{formula_lines, headline, investigation_text, proof_text, weak_text};
+use crate::output::{formula_lines, headline, investigation_text, known_text, proof_text, weak_text};
 use crate::words::short;
 
 /// A page that opens offline: each formula in words and drawn on the data, then the fit.
@@ -19,7 +19,7 @@ pub fn investigation_page(data: &Dataset, result: &Investigation) -> Page {
     }
     let mut told = vec![format!("{} forms were tried on one half of the groups.", result.tried)];
     if !result.known.is_empty() {
-        told.push(format!("Known effects that belong to the model: {}.", result.known.join(", ")));
+        told.push(format!("Known effects that belong to the model: {}.", known_text(result)));
     }
     told.extend(result.known_weak.iter().map(weak_text));
     if let Some(unproven) = &result.unproven {

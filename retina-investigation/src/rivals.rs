@@ -8,7 +8,7 @@ use crate::outcome::Rival;
 use crate::search::{Scored, finite};
 
 /// Standard errors within which formulas are not told apart.
-const TOLD_APART: f64 = 2.0;
+pub(crate) const TOLD_APART: f64 = 2.0;
 /// Most formulas beside the first that are named.
 const MOST_RIVALS: usize = 4;
 /// Formulas with so much more to say are no rivals.
@@ -72,6 +72,8 @@ impl Choice<'_> {
             out.push(Rival {
                 effect: rival.form.effect(columns, data.kind, &format!("{name}_rival"), &amplitudes, &held),
                 covariates: rival.form.covariates(columns),
+                complexity: rival.form.complexity(),
+                heldout_rms: errors[k].rms(),
                 difference_rms: rms(&difference),
                 differs_by: rms(&difference[row * n..(row + 1) * n]) * (n as f64).sqrt(),
                 differs_at: names

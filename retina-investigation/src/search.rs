@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
-use retina_diagnosis::{Halves, LeftOut, Remainder};
+use retina_diagnosis::{Halves, LeftOut, Part, Remainder};
 use retina_formats::TableKind;
 
 use crate::columns::{Column, Content, Table};
@@ -52,23 +52,25 @@ pub(crate) struct Found {
 pub(crate) struct Search<'a> {
     pub(crate) kind: TableKind,
     pub(crate) columns: &'a [Column],
-    /// The half in which forms are looked for.
+    /// The rows in which forms are looked for.
+    pub(crate) part: Part,
     pub(crate) table: &'a Table,
     pub(crate) tried: AtomicUsize,
     pub(crate) progress: &'a (dyn Fn(&str, f64) + Sync),
 }
 
 impl Search<'_> {
-    /// Looks for forms of what is left in the half that is searched.
-    pub(crate) fn run(&self, halves: &Halves) -> Found {
+    /// Looks for forms of what is left: among all of them, or among those that come near to `near`.
+    pub(crate) fn run(&self, halves: &Halves, near: Option<Vec<Form>>) -> Found {
         let mut best: HashMap<Family, Scored> = HashMap::new();
         let mut seen: HashSet<String> = HashSet::new();
         let mut grown: HashSet<Family> = HashSet::new();
         let mut weights: Vec<Vec<f64>> = Vec::new();
-        let mut forms = self.first();
+        let everywhere = near.is_none();
+        let mut forms = near.unwrap_or_else(|| self.first());
         for generation in 0..=GENERATIONS {
             (self.progress)("searching", generation as f64 / (GENERATIONS + 1) as f64);
-            let left = halves.search_unrejected(&weights);
+            let left = halves.left_unrejected(self.part, &weights);
             // What was scored under other weights is scored again.
             let before: Vec<Form> = best.drain().map(|(_, scored)| scored.form).collect();
             forms.retain(|form| seen.insert(format!("{form:?}")));
@@ -93,14 +95,14 @@ impl Search<'_> {
                 .filter(|scored| grown.insert(scored.form.family()))
                 .flat_map(|scored| self.neighbours(&scored.form))
                 .collect();
-            if generation == 0 {
+            if generation == 0 && everywhere {
                 forms.extend(self.modulated(&left));
             }
             if forms.is_empty() {
                 break;
             }
         }
-        let left = halves.search(&weights);
+        let left = halves.left(self.part, &weights);
         let mut all: Vec<Form> = leading(&best, REFINED).into_iter().map(|scored| scored.form).collect();
         for simpler in all.first().map_or_else(Vec::new, without_one_law) {
             if self.possible(&simpler) && !all.iter().any(|form| form.family() == simpler.family()) {
@@ -286,8 +288,8 @@ impl Search<'_> {
                     .filter(|(_, score)| score.rank > 0)
                     .map(|(form, score)| Scored {
                         form: form.clone(),
-                        merit: score.gain
-                            - score.values.ln() * (score.rank + form.free_shapes()) as f64
+                        merit: score.merit()
+                            - score.values.ln() * form.free_shapes() as f64
                             - charge_of_law * form.factors.len() as f64,
                     })
                     .collect::<Vec<_>>()
@@ -295,10 +297,12 @@ impl Search<'_> {
             .collect()
     }
 
-    /// Forms under other weights, or on other rows, with their shapes moved to where these want them.
+    /// Forms under other weights, or on other rows, with their shapes moved to where these want them: the best of each family.
     pub(crate) fn refined_anew(&self, left: &Remainder<'_>, forms: Vec<Form>) -> Vec<Scored> {
         let mut out = self.refined(left, self.scored(left, forms));
         sort(&mut out);
+        let mut families = HashSet::new();
+        out.retain(|scored| families.insert(scored.form.family()));
         out
     }
 

@@ -31,7 +31,7 @@ fn a_hidden_formula_of_points_is_found_and_holds_elsewhere() {
     let (setup, mut campaign) = (setup(), Campaign::new(11));
     let data = campaign.data(&setup, &turning);
     let found = asked(&data);
-    assert_eq!(found.known, Vec::<&str>::new());
+    assert_eq!(found.known, []);
     let term = &found.terms[0];
     assert!(term.covariates.contains(&"log10_irradiance".to_owned()), "{:?}", term.covariates);
     assert!(found.terms.iter().all(|t| !t.covariates.iter().any(|c| c == "time_s" || c == "temperature_c")));
@@ -52,7 +52,7 @@ fn a_hidden_formula_of_points_is_found_and_holds_elsewhere() {
     // The same again gives the same answer.
     let again = asked(&data);
     assert_eq!(investigation_text(&data, &again), investigation_text(&data, &found));
-    let json = investigation_json(&data, &found);
+    let json = investigation_json(&data, &found, None);
     assert_eq!(json["schema"], "retina.investigation/1");
     assert_eq!(json["verdict"], "found");
 }
@@ -102,7 +102,8 @@ fn a_known_effect_in_disguise_is_called_by_its_name() {
     let moved = |p: &Point| p.r + along * (3.0 * (p.temperature_c - 20.0) * ARCSEC);
     let data = Campaign::new(31).data(&setup(), &moved);
     let found = asked(&data);
-    assert_eq!(found.known, ["thermal_boresight"]);
+    let known: Vec<&str> = found.known.iter().map(|known| known.effect).collect();
+    assert_eq!(known, ["thermal_boresight"]);
     assert!(found.terms.is_empty(), "{:?}", investigation_text(&data, &found));
 }
 
@@ -173,6 +174,56 @@ fn a_formula_of_two_columns_of_the_series_is_found() {
         assert!(columns.contains(&"humidity".to_owned()), "{seed}: {text:?}");
         assert!(columns.contains(&"temperature_c".to_owned()), "{seed}: {text:?}");
     }
+}
+
+fn known(found: &Investigation) -> Vec<(&str, &[String])> {
+    found.known.iter().map(|known| (known.effect, known.columns.as_slice())).collect()
+}
+
+/// Nine tenths of its square are what self-heating does, but the data tell the two apart.
+#[test]
+fn a_strong_law_that_looks_like_a_known_effect_stays_a_formula() {
+    let setup = setup();
+    let bent = |_: f64, temperature: f64, _: f64| 0.03 * (temperature + 0.6).max(0.0).powf(1.2);
+    let data = dataset(&setup, &readings(&bent, 71));
+    let found = asked(&data);
+    assert!(found.known.is_empty() && found.terms.len() == 1, "{:?}", investigation_text(&data, &found));
+    assert_eq!(found.terms[0].covariates, ["temperature_c"]);
+    let straight = |_: f64, temperature: f64, _: f64| 0.03 * temperature;
+    let found = asked(&dataset(&setup, &readings(&straight, 71)));
+    assert_eq!(known(&found), [("self_heating", &["temperature_c".to_owned()][..])]);
+    assert!(found.terms.is_empty());
+}
+
+/// The meter's wavelength makes each colour read too much or too little. One colour alone is a formula, until the effect is
+/// found beside it.
+#[test]
+fn a_formula_that_was_a_part_of_a_known_effect_is_taken_out() {
+    let setup = setup();
+    for seed in 81..84 {
+        let text: String =
+            readings(&|_, _, _| 0.0, seed).lines().enumerate().map(|(k, line)| in_colour(k, line)).collect();
+        let data = dataset(&setup, &text);
+        let found = asked(&data);
+        let text = investigation_text(&data, &found);
+        assert_eq!(
+            found.known.iter().map(|k| k.effect).collect::<Vec<_>>(),
+            ["meter_wavelength"],
+            "{text:?}"
+        );
+        assert!(found.terms.is_empty(), "{text:?}");
+    }
+}
+
+/// A line of readings, the heading first, in one colour after the other, as a meter set to a wrong wavelength reads it.
+fn in_colour(line: usize, text: &str) -> String {
+    let mut cells: Vec<String> = text.split(',').map(str::to_owned).collect();
+    if line > 0 {
+        let (channel, factor) = [("r", 1.008), ("g", 1.001), ("b", 0.985)][line % 3];
+        channel.clone_into(&mut cells[0]);
+        cells[3] = format!("{:e}", factor * cells[3].parse::<f64>().unwrap());
+    }
+    cells.join(",") + "\n"
 }
 
 /// Pixels of a disc, predicted to the shape of a cosine; `error` is what the prediction lacks, of place and level.

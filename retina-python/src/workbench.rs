@@ -196,7 +196,7 @@ impl PyFindings {
             Found::Comparison(result) => compare_json(&self.data, result),
             Found::Diagnosis(result) => diagnose_json(&self.data, result),
             Found::Fit(result) => fit_json(&self.data, result),
-            Found::Investigation(result) => investigation_json(&self.data, result),
+            Found::Investigation(result) => investigation_json(&self.data, result, None),
         };
         document(py, &told)
     }

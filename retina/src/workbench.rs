@@ -12,7 +12,7 @@ use retina_formats::{
 };
 use retina_frames::{FrameSet, FramesSource, diagnose_frames};
 use retina_geometry::{Setup, SpotShifts};
-use retina_investigation::{Investigation, Options, investigate};
+use retina_investigation::{Investigation, KnownEffect, Options, investigate};
 
 /// Measurements: tables in files, or one made in memory.
 #[derive(Debug, Clone)]
@@ -342,6 +342,6 @@ pub fn investigate_frames(
     let diagnose = DiagnoseOptions { seed: options.seed, ..DiagnoseOptions::default() };
     let (data, added, found) = diagnose_frames(set, effects, &diagnose)?;
     let mut result = investigate(&data, &added, options, progress)?;
-    result.known = found.accepted;
+    result.known = found.accepted.into_iter().map(KnownEffect::catalogued).collect();
     Ok((data, result))
 }

@@ -91,6 +91,7 @@ pub fn to_json(result: &GeometryCalibration, setup: &Setup) -> Value {
         })
         .collect();
     let mut heldout = errors_json(&result.heldout);
+    heldout["outliers"] = json!(result.outliers);
     heldout["by"] = json!(if result.heldout_by_points { "points" } else { "exposures" });
     let mut document = json!({ "schema": "retina.geometry-calibration/1" });
     if let (Some(into), Value::Object(errors)) = (document.as_object_mut(), errors_json(&result.errors)) {

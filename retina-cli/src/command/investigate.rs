@@ -1,12 +1,13 @@
 //! `retina investigate`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use retina::workbench::investigate_frames;
 use retina_diagnosis::Dataset;
 use retina_files::InputError;
 use retina_investigation::{
     Investigation, Options, investigate, investigation_json, investigation_page, investigation_text,
+    write_formulas,
 };
 use retina_report::Section;
 
@@ -73,7 +74,7 @@ fn write(
     images: Option<Section>,
 ) -> Result<(), Failure> {
     if let Some(folder) = &arguments.out {
-        write_effects(folder, result)?;
+        write_formulas(folder, result)?;
     }
     if let Some(path) = &arguments.report {
         let mut page = investigation_page(data, result);
@@ -83,24 +84,7 @@ fn write(
         page.write(path)?;
     }
     match arguments.json {
-        true => print_json(&investigation_json(data, result)),
+        true => print_json(&investigation_json(data, result, arguments.out.as_deref())),
         false => print_lines(&investigation_text(data, result)),
     }
-}
-
-/// Each formula as an effect's file, and each rival.
-fn write_effects(folder: &Path, result: &Investigation) -> Result<(), InputError> {
-    let failed =
-        |path: &Path, error: std::io::Error| InputError::new(path, format!("cannot be written: {error}"));
-    std::fs::create_dir_all(folder).map_err(|error| failed(folder, error))?;
-    for term in &result.terms {
-        let rivals = term.rivals.iter().enumerate();
-        let all = std::iter::once((format!("{}.toml", term.name), &term.effect))
-            .chain(rivals.map(|(k, rival)| (format!("{}_rival_{}.toml", term.name, k + 1), &rival.effect)));
-        for (name, text) in all {
-            let path = folder.join(name);
-            retina_files::write_atomic(&path, text.as_bytes()).map_err(|error| failed(&path, error))?;
-        }
-    }
-    Ok(())
 }

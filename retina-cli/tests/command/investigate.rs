@@ -43,6 +43,36 @@ fn a_formula_that_is_found_is_an_effect_for_fit() {
     let said = json(&out);
     assert_eq!((&said["schema"], &said["verdict"]), (&"retina.investigation/1".into(), &"found".into()));
     assert!(said["terms"][0]["covariates"].as_array().unwrap().contains(&"humidity".into()), "{said}");
+    // What programs read: whether, how sure, and each formula with its file, equivalent ones after it.
+    assert!(said["found"] == true && said["p_value"].as_f64().unwrap() <= 0.01, "{said}");
+    let formulas = said["formulas"].as_array().unwrap();
+    assert_eq!(
+        formulas.len(),
+        said["terms"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|t| 1 + t["rivals"].as_array().unwrap().len())
+            .sum::<usize>()
+    );
+    let mut texts: Vec<&str> = Vec::new();
+    for formula in formulas {
+        let file = std::fs::read_to_string(folder.path().join(formula["file"].as_str().unwrap())).unwrap();
+        let value = formula["value"].as_str().unwrap();
+        assert!(
+            file.contains(&format!("value = \"{value}\"")) && !texts.contains(&value),
+            "{formula}\n{file}"
+        );
+        texts.push(value);
+        let [columns, complexity, error] = ["columns", "complexity", "heldout_rms"].map(|key| &formula[key]);
+        assert!(columns.as_array().unwrap().contains(&"humidity".into()) && complexity.is_u64(), "{formula}");
+        assert!((0.003..0.006).contains(&error.as_f64().unwrap()), "{formula}");
+    }
+    let next = &said["next_measurement"];
+    assert_eq!(
+        next.is_null(),
+        said["terms"].as_array().unwrap().iter().all(|t| t["rivals"] == serde_json::json!([]))
+    );
     let page = std::fs::read_to_string(folder.path().join("page.html")).unwrap();
     assert!(page.contains("found_1") && page.contains("<svg") && !page.contains("src=\"http"));
 

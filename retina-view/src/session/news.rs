@@ -15,7 +15,7 @@ impl Session {
         let revision = *self.revision.borrow();
         let material = lock(&self.inner).material.clone();
         let formulas = match (self.investigation(), &material) {
-            (Some(found), Some(material)) => investigation_json(&material.data, &found),
+            (Some(found), Some(material)) => investigation_json(&material.data, &found, None),
             _ => Value::Null,
         };
         let inner = lock(&self.inner);
