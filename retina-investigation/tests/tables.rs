@@ -219,7 +219,9 @@ fn a_formula_that_was_a_part_of_a_known_effect_is_taken_out() {
 fn in_colour(line: usize, text: &str) -> String {
     let mut cells: Vec<String> = text.split(',').map(str::to_owned).collect();
     if line > 0 {
-        let (channel, factor) = [("r", 1.008), ("g", 1.001), ("b", 0.985)][line % 3];
+        // White is all three.
+        let colours = [("r", 1.012 / 3.0), ("g", 1.0 / 3.0), ("b", 0.985 / 3.0), ("w", 0.999)];
+        let (channel, factor) = colours[(line - 1) / 5 % 4];
         channel.clone_into(&mut cells[0]);
         cells[3] = format!("{:e}", factor * cells[3].parse::<f64>().unwrap());
     }
