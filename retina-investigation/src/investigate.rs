@@ -11,7 +11,7 @@ use retina_formats::TableKind;
 use crate::columns::{Column, Table, columns};
 use crate::form::Form;
 use crate::half::{InHalf, Judge, Sought};
-use crate::outcome::{Investigation, KnownEffect, Term, Unproven, WeakEffect};
+use crate::outcome::{Formula, Investigation, KnownEffect, Term, Unproven, WeakEffect};
 use crate::rivals::{Choice, TOLD_APART, inseparable, sum};
 use crate::search::{Scored, WEAK, finite, simplest};
 use crate::words::words;
@@ -289,9 +289,19 @@ impl Rounds<'_> {
             .map(|(name, _)| *name)
             .find(|name| new(name) && same(&left, name, &scored[best], &errors[best]));
         if let Some(effect) = known {
-            let columns = own.covariates(columns);
-            return Ok((!self.weak(effect, &judged[0].proof))
-                .then_some(Chosen::Known(KnownEffect { effect, columns })));
+            let name = format!("formula_of_{effect}");
+            let held = vec![true; own.shapes()];
+            let formula = Formula {
+                effect: own.effect(columns, self.data.kind, &name, &amplitudes, &held),
+                columns: own.covariates(columns),
+                complexity: own.complexity(),
+                heldout_rms: errors[best].rms(),
+                known: Some(effect),
+                name,
+            };
+            let columns = formula.columns.clone();
+            let known = KnownEffect { effect, columns, formula: Some(formula) };
+            return Ok((!self.weak(effect, &judged[0].proof)).then_some(Chosen::Known(known)));
         }
         let frozen = inseparable(&left, own, whole, columns, &amplitudes);
         let Some((text, effect)) = self.readable(own, columns, &name, &amplitudes, frozen) else {

@@ -24,7 +24,7 @@ mod words;
 pub use direction::Direction;
 pub use investigate::{Options, investigate};
 pub use law::Law;
-pub use outcome::{Investigation, KnownEffect, Rival, Term, Unproven, WeakEffect};
+pub use outcome::{Formula, Investigation, KnownEffect, Rival, Term, Unproven, WeakEffect};
 pub use output::{investigation_json, investigation_text, write_formulas};
 pub use page::investigation_page;
 pub use words::{Origin, Words};

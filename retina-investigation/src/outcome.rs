@@ -5,6 +5,23 @@ use retina_diagnosis::{AddedEffect, Fit, Noise, Proof, effects};
 use crate::investigate::LEVEL;
 use crate::words::Words;
 
+/// A formula as a user's effect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Formula {
+    /// Its name.
+    pub name: String,
+    /// The text of a TOML file.
+    pub effect: String,
+    /// Columns it depends on.
+    pub columns: Vec<String>,
+    /// How much there is to say: amplitudes, places and laws.
+    pub complexity: usize,
+    /// Error of units left out, per component in the table's unit.
+    pub heldout_rms: f64,
+    /// The known effect that stands for it in the model.
+    pub known: Option<&'static str>,
+}
+
 /// A formula that the data cannot tell from the one that is given.
 #[derive(Debug, Clone)]
 pub struct Rival {
@@ -56,10 +73,25 @@ pub struct Term {
 }
 
 impl Term {
-    /// The effects' names, the formula itself first and then those that the data cannot tell from it.
-    pub fn names(&self) -> Vec<String> {
-        let rivals = (1..=self.rivals.len()).map(|k| format!("{}_rival_{k}", self.name));
-        std::iter::once(self.name.clone()).chain(rivals).collect()
+    /// The formula itself, then those that the data cannot tell from it.
+    pub fn formulas(&self) -> Vec<Formula> {
+        let own = Formula {
+            name: self.name.clone(),
+            effect: self.effect.clone(),
+            columns: self.covariates.clone(),
+            complexity: self.complexity,
+            heldout_rms: self.heldout_rms,
+            known: None,
+        };
+        let rival = |(k, rival): (usize, &Rival)| Formula {
+            name: format!("{}_rival_{}", self.name, k + 1),
+            effect: rival.effect.clone(),
+            columns: rival.covariates.clone(),
+            complexity: rival.complexity,
+            heldout_rms: rival.heldout_rms,
+            known: None,
+        };
+        std::iter::once(own).chain(self.rivals.iter().enumerate().map(rival)).collect()
     }
 }
 
@@ -82,12 +114,14 @@ impl Unproven {
 }
 
 /// A known effect that was found and belongs to the model.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct KnownEffect {
     /// Its id.
     pub effect: &'static str,
     /// Columns that it depends on here: those of the formula that it stands for, or the catalogue's.
     pub columns: Vec<String>,
+    /// The formula that it stands for, where it was found as one.
+    pub formula: Option<Formula>,
 }
 
 impl KnownEffect {
@@ -96,7 +130,7 @@ impl KnownEffect {
         let all = effects(None);
         let columns =
             all.iter().find(|known| known.name() == effect).map_or(&[][..], |known| known.covariates());
-        Self { effect, columns: columns.iter().map(|column| (*column).to_owned()).collect() }
+        Self { effect, formula: None, columns: columns.iter().map(|column| (*column).to_owned()).collect() }
     }
 }
 
@@ -109,6 +143,15 @@ pub struct WeakEffect {
     pub strength: f64,
     /// The formula that is so much stronger.
     pub beside: String,
+}
+
+impl Investigation {
+    /// All formulas: each that was found, after it those that the data cannot tell from it, then those that a known effect
+    /// stands for.
+    pub fn formulas(&self) -> Vec<Formula> {
+        let known = self.known.iter().filter_map(|known| known.formula.clone());
+        self.terms.iter().flat_map(Term::formulas).chain(known).collect()
+    }
 }
 
 /// The outcome.

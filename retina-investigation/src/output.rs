@@ -6,7 +6,7 @@ use retina_diagnosis::{Dataset, Proof, fit_json, fit_text};
 use retina_files::InputError;
 use serde_json::{Value, json};
 
-use crate::outcome::{Investigation, KnownEffect, Rival, Term, WeakEffect};
+use crate::outcome::{Formula, Investigation, KnownEffect, Rival, Term, WeakEffect};
 use crate::words::short;
 
 /// What was found, in a word: `found` or `nothing`.
@@ -180,7 +180,7 @@ fn file_of(folder: &Path, name: &str) -> PathBuf {
     folder.join(format!("{name}.toml"))
 }
 
-/// Writes each formula, and those that the data cannot tell from it, into a folder: files that `--effect` takes.
+/// Writes all formulas into a folder: files that `--effect` takes.
 ///
 /// # Errors
 /// The folder cannot be made, or a file not be written.
@@ -188,50 +188,28 @@ pub fn write_formulas(folder: &Path, result: &Investigation) -> Result<(), Input
     let failed =
         |path: &Path, error: std::io::Error| InputError::new(path, format!("cannot be written: {error}"));
     std::fs::create_dir_all(folder).map_err(|error| failed(folder, error))?;
-    for term in &result.terms {
-        let texts = std::iter::once(&term.effect).chain(term.rivals.iter().map(|rival| &rival.effect));
-        for (name, text) in term.names().iter().zip(texts) {
-            let path = file_of(folder, name);
-            retina_files::write_atomic(&path, text.as_bytes()).map_err(|error| failed(&path, error))?;
-        }
+    for formula in result.formulas() {
+        let path = file_of(folder, &formula.name);
+        retina_files::write_atomic(&path, formula.effect.as_bytes()).map_err(|error| failed(&path, error))?;
     }
     Ok(())
 }
 
-/// A formula of the list that has all of them, equivalent ones together.
-fn formula_json(
-    name: &str,
-    folder: Option<&Path>,
-    effect: &str,
-    columns: &[String],
-    complexity: usize,
-    heldout_rms: f64,
-) -> Value {
+fn formula_json(formula: &Formula, folder: Option<&Path>) -> Value {
     let mut out = json!({
-        "name": name,
-        "file": folder.map(|folder| file_of(folder, name).display().to_string()),
-        "columns": columns,
-        "complexity": complexity,
-        "heldout_rms": heldout_rms,
+        "name": formula.name,
+        "file": folder.map(|folder| file_of(folder, &formula.name).display().to_string()),
+        "columns": formula.columns,
+        "complexity": formula.complexity,
+        "heldout_rms": formula.heldout_rms,
+        "known": formula.known,
     });
-    for line in formula_lines(effect) {
+    for line in formula_lines(&formula.effect) {
         if let Some((key, text)) = line.split_once(" = ") {
             out[key] = text.trim_matches('"').into();
         }
     }
     out
-}
-
-fn formulas_json(term: &Term, folder: Option<&Path>) -> Vec<Value> {
-    let own = (&term.effect, &term.covariates, term.complexity, term.heldout_rms);
-    let rivals = term.rivals.iter().map(|r| (&r.effect, &r.covariates, r.complexity, r.heldout_rms));
-    term.names()
-        .iter()
-        .zip(std::iter::once(own).chain(rivals))
-        .map(|(name, (effect, columns, complexity, rms))| {
-            formula_json(name, folder, effect, columns, complexity, rms)
-        })
-        .collect()
 }
 
 /// Where the first formula and its nearest rival differ most.
@@ -244,7 +222,7 @@ fn next_json(result: &Investigation) -> Value {
     json!({
         "action": "measure_at",
         "value": place.join(", "),
-        "separates": term.names()[..2],
+        "separates": term.formulas().into_iter().take(2).map(|formula| formula.name).collect::<Vec<_>>(),
         "expected_sigma": rival.differs_by / result.noise.white.hypot(result.noise.group),
     })
 }
@@ -254,7 +232,8 @@ pub fn investigation_json(data: &Dataset, result: &Investigation, folder: Option
     let fitted = fit_json(data, &result.fit);
     let proof = result.terms.first().map(|term| &term.proof);
     let proof = proof.or(result.unproven.as_ref().map(|unproven| &unproven.proof));
-    let formulas: Vec<Value> = result.terms.iter().flat_map(|term| formulas_json(term, folder)).collect();
+    let formulas: Vec<Value> =
+        result.formulas().iter().map(|formula| formula_json(formula, folder)).collect();
     let known: Vec<&str> = result.known.iter().map(|known| known.effect).collect();
     json!({
         "schema": "retina.investigation/1",

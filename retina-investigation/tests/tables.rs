@@ -104,6 +104,12 @@ fn a_known_effect_in_disguise_is_called_by_its_name() {
     let found = asked(&data);
     let known: Vec<&str> = found.known.iter().map(|known| known.effect).collect();
     assert_eq!(known, ["thermal_boresight"]);
+    // The formula is told, with whose it is.
+    let formulas = found.formulas();
+    assert_eq!((formulas.len(), formulas[0].known), (1, Some("thermal_boresight")));
+    assert!(AddedEffect::of_text("found", &formulas[0].effect, &data).is_ok(), "{}", formulas[0].effect);
+    let said = investigation_json(&data, &found, None);
+    assert!(said["found"] == false && said["formulas"][0]["columns"][0] == "temperature_c", "{said}");
     assert!(found.terms.is_empty(), "{:?}", investigation_text(&data, &found));
 }
 
