@@ -48,6 +48,7 @@ mod patterns;
 mod physical;
 mod pixel_noise;
 mod ranking;
+mod remainder;
 mod report;
 mod retraced;
 mod rivals;
@@ -86,9 +87,10 @@ pub use model_file::write_model;
 pub use next::NextMeasurement;
 pub use output::{compare_text, diagnose_text, effects_text, fit_text, predictions_text, write_predictions};
 pub use own::{OwnEffect, OwnParameter, difference_step};
-pub use parts::{FormScore, Halves, LeftOut, Part, Proof, Remainder, TooFew};
+pub use parts::{Halves, Part, Proof, TooFew};
 pub use physical::Physical;
 pub use pixel_noise::{Neighbours, White, white_noise};
+pub use remainder::{FormScore, LeftOut, Remainder};
 pub use report::{
     Shape, compare_page, diagnose_page, effects_page, fit_page, followed_svg, signature_svgs,
     unexplained_shapes,

@@ -145,15 +145,6 @@ pub struct WeakEffect {
     pub beside: String,
 }
 
-impl Investigation {
-    /// All formulas: each that was found, after it those that the data cannot tell from it, then those that a known effect
-    /// stands for.
-    pub fn formulas(&self) -> Vec<Formula> {
-        let known = self.known.iter().filter_map(|known| known.formula.clone());
-        self.terms.iter().flat_map(Term::formulas).chain(known).collect()
-    }
-}
-
 /// The outcome.
 pub struct Investigation {
     /// Known effects that were found beside the formulas and belong to the model.
@@ -174,4 +165,13 @@ pub struct Investigation {
     pub tried: usize,
     /// What the user ought to know.
     pub notes: Vec<String>,
+}
+
+impl Investigation {
+    /// All formulas: each that was found, after it those that the data cannot tell from it, then those that a known effect
+    /// stands for.
+    pub fn formulas(&self) -> Vec<Formula> {
+        let known = self.known.iter().filter_map(|known| known.formula.clone());
+        self.terms.iter().flat_map(Term::formulas).chain(known).collect()
+    }
 }

@@ -17,7 +17,7 @@ pub fn investigation_page(data: &Dataset, result: &Investigation) -> Page {
     for (number, term) in result.terms.iter().enumerate().rev() {
         page = page.after_card(term_section(data, &model[..known + number], term));
     }
-    let mut told = vec![format!("{} forms were tried on one half of the groups.", result.tried)];
+    let mut told = vec![format!("{} forms were tried.", result.tried)];
     if !result.known.is_empty() {
         told.push(format!("Known effects that belong to the model: {}.", known_text(result)));
     }
