@@ -187,6 +187,8 @@ def predicted(text, fitted, c):
         "temperature_c": c.temperature, "row_load": c.load, "pi": np.pi, **c.air,
         "exp": np.exp, "ln": np.log, "tanh": np.tanh, "sin": np.sin, "cos": np.cos, "abs": np.abs, "sqrt": np.sqrt,
         "step": lambda u: (u > 0) * 1.0,
+        # Conditions are drawn one by one: each has lasted until everything follows it.
+        "lag": lambda u, _: u,
     }  # fmt: skip
     names |= {f"channel_{name}": (c.channel == name) * 1.0 for name in "rgb"}
     names |= {name: fitted[f"{effect['name']}.{name}"]["value"] for name in effect.get("parameters", {})}

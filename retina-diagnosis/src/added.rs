@@ -9,6 +9,7 @@ use retina_formats::EffectId;
 use crate::catalogue::{Effect, effects, wide};
 use crate::data::Dataset;
 use crate::effect_file::EffectOfFile;
+use crate::following::read_column;
 use crate::linear::{Basis, dot, solve_positive};
 use crate::noise::robust_fit;
 use crate::own::{OwnEffect, evaluate, readable_columns};
@@ -85,11 +86,12 @@ impl AddedEffect {
     /// # Errors
     /// As [`Self::own`].
     pub fn own_shared(effect: Arc<dyn OwnEffect>, data: &Dataset) -> Result<Self, InputError> {
-        let known = readable_columns(data);
-        if let Some(column) = effect.columns().iter().find(|name| !known.iter().any(|k| k == *name)) {
-            return Err(InputError::new(effect.source(), "reads a column that the data do not have")
-                .found(format!("`{column}`"))
-                .expected(known.join(", ")));
+        for name in effect.columns() {
+            if let Err(reason) = read_column(data, name) {
+                return Err(InputError::new(effect.source(), "reads a column that the data do not have")
+                    .found(format!("`{name}`: {reason}"))
+                    .expected(readable_columns(data).join(", ")));
+            }
         }
         Ok(Self::Own(effect))
     }

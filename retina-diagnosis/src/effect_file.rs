@@ -9,7 +9,8 @@ use toml::Spanned;
 
 use crate::catalogue::effects;
 use crate::data::{ARCSEC_PER_RAD, Dataset};
-use crate::formula::{Formula, Unit, parse};
+use crate::following::{lag_name, read_column};
+use crate::formula::{Formula, Read, Unit, parse};
 use crate::own::{OwnEffect, OwnParameter, readable_columns};
 
 /// A user's effect.
@@ -155,14 +156,22 @@ impl EffectOfFile {
                 out
             })?);
         }
-        let mut read: Vec<usize> = formulas.iter().flat_map(Formula::columns).collect();
-        read.sort_unstable();
-        read.dedup();
-        for formula in &mut formulas {
-            formula.renumber(|index| read.iter().position(|other| *other == index).unwrap_or(0));
+        let name_of = |read: Read| match read.lag_s {
+            None => columns[read.column].clone(),
+            Some(lag_s) => lag_name(&columns[read.column], lag_s),
+        };
+        let mut reads: Vec<String> = formulas.iter().flat_map(Formula::reads).map(name_of).collect();
+        reads.sort_unstable();
+        reads.dedup();
+        for name in &reads {
+            read_column(data, name).map_err(|reason| {
+                InputError::new(path, format!("a formula cannot read `{name}`: {reason}"))
+            })?;
         }
-        let columns = read.into_iter().map(|index| columns[index].clone()).collect();
-        Ok(Self { name: file.name, parameters, formulas, columns, scale, file: path.to_path_buf() })
+        for formula in &mut formulas {
+            formula.renumber(|read| reads.iter().position(|name| *name == name_of(read)).unwrap_or(0));
+        }
+        Ok(Self { name: file.name, parameters, formulas, columns: reads, scale, file: path.to_path_buf() })
     }
 }
 

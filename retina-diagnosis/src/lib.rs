@@ -25,6 +25,7 @@ mod figure;
 mod fit;
 mod flips;
 mod floor;
+mod following;
 mod form_error;
 mod formula;
 mod headline;
@@ -79,6 +80,7 @@ pub use diagnose::{Candidate, DiagnoseOptions, Diagnosis, NotTestable, diagnose,
 pub use estimate::{Implausible, Parameter, implausible};
 pub use figure::{axis_label, figure_svg, write_figure};
 pub use fit::{Fit, fit};
+pub use following::lag_name;
 pub use formula::unit_of_column;
 pub use headline::headline;
 pub use json::{compare_json, diagnose_json, effects_json, fit_json};

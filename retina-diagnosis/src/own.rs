@@ -1,8 +1,10 @@
 //! Effects of one's own: what the workbench asks of them.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use crate::data::Dataset;
+use crate::following::read_column;
 
 /// A parameter of one's own effect.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,7 +55,8 @@ pub trait OwnEffect: Send + Sync {
     fn parameters(&self) -> &[OwnParameter];
 
     /// The columns that it reads: those of the table, and for points `x`, `y`, `r` (1 at half the camera's width), `L`
-    /// (log10 of the irradiance relative to full) and `F` (the irradiance).
+    /// (log10 of the irradiance relative to full) and `F` (the irradiance). `lag(temperature_c, 900[s])` is what follows a
+    /// column with that time constant.
     fn columns(&self) -> Vec<&str>;
 
     /// What it adds to a row, from the columns in their order: arcsec along x and y for points; elsewhere the first
@@ -117,21 +120,14 @@ pub(crate) fn evaluate(
     parameters: &[f64],
 ) -> (Vec<f64>, Vec<Vec<f64>>) {
     let names = effect.columns();
-    let columns: Vec<&[f64]> = names
-        .iter()
-        .map(|name| data.values(if ["L", "F"].contains(name) { "log10_irradiance" } else { name }))
-        .collect();
+    // That they are there was checked when the effect was added.
+    let columns: Vec<Cow<'_, [f64]>> =
+        names.iter().map(|name| read_column(data, name).unwrap_or_default()).collect();
     // Where a column has no value the effect has none.
     let whole: Vec<usize> =
         (0..data.len()).filter(|&row| columns.iter().all(|column| !column[row].is_nan())).collect();
-    let of_whole: Vec<Vec<f64>> = names
-        .iter()
-        .zip(&columns)
-        .map(|(name, column)| {
-            let value = |&row: &usize| if *name == "F" { 10f64.powf(column[row]) } else { column[row] };
-            whole.iter().map(value).collect()
-        })
-        .collect();
+    let of_whole: Vec<Vec<f64>> =
+        columns.iter().map(|column| whole.iter().map(|&row| column[row]).collect()).collect();
     // An effect without columns is the same in every row.
     let found = match names.is_empty() {
         true => vec![effect.value_and_slopes(&[], parameters); whole.len()],

@@ -129,6 +129,11 @@ impl Halves {
         &self.rows(part).data
     }
 
+    /// Rows of the whole table that are in the half that does not judge, in their order.
+    pub fn searched_rows(&self) -> &[usize] {
+        &self.search.rows
+    }
+
     fn rows(&self, part: Part) -> &Rows {
         match part {
             Part::Half => &self.search,

@@ -1,5 +1,5 @@
-//! Where a predicted body is in a measured image, to begin with: patches of light brought together, then the roll by
-//! which they look alike.
+//! Where a predicted body is in a measured image, to begin with: where the table has it, unless patches of light that are
+//! brought together look more alike, turned by some roll.
 
 use std::f64::consts::TAU;
 
@@ -14,7 +14,7 @@ use crate::window::{Pose, Window};
 
 /// Rolls that are tried.
 const ROLLS: usize = 72;
-/// The tables' own roll is taken unless another's correlation is better by this.
+/// The tables' own place and roll are taken unless another's correlation is better by this.
 const CLEARLY: f64 = 0.02;
 /// Cells of the preview across the body.
 const ACROSS: f64 = 48.0;
@@ -134,8 +134,11 @@ pub(crate) fn find(camera: &Pinhole, origin: &Origin, measured: &Measured) -> Re
         }
         sum / (n * n) as f64
     };
-    let values = offsets.iter().map(|o| mean_over_bin(patch.centre + *o * bin)).collect();
-    let seen_there = Seen { offsets, values };
+    let seen_at = |place: DVec2| Seen {
+        offsets: offsets.clone(),
+        values: offsets.iter().map(|o| mean_over_bin(place + *o * bin)).collect(),
+    };
+    let seen_there = seen_at(patch.centre);
     let correlations: Vec<f64> = (0..ROLLS)
         .into_par_iter()
         .map(|k| {
@@ -145,19 +148,33 @@ pub(crate) fn find(camera: &Pinhole, origin: &Origin, measured: &Measured) -> Re
         .collect();
     let best = (0..ROLLS).max_by(|&a, &b| correlations[a].total_cmp(&correlations[b])).unwrap_or(0);
     let roll = if correlations[best] > correlations[0] + CLEARLY { best } else { 0 };
-    if correlations[roll] < 0.3 {
+    // A glow or another body may be the largest patch.
+    let as_told = seen_at(middle);
+    let told = as_told.correlation(
+        &spline,
+        DVec2::splat(reach),
+        Laid { roll_rad: 0.0, shift: DVec2::ZERO, flipped: false },
+    );
+    let stays = told + CLEARLY >= correlations[roll];
+    if correlations[roll].max(told) < 0.3 {
         return Err(lost("the predicted light looks nothing like the measured"));
     }
+    let seen_there = if stays { as_told } else { seen_there };
     // A smooth ball looks the same in a mirror: what lies on it tells.
     let detail = origin.detail(&near, &window);
     if let Some(own) = largest_patch(&detail) {
         let spline = detail.spline();
-        let [straight, flipped] = [false, true].map(|flipped| seen_there.best(&spline, own.centre, flipped));
+        let middle = if stays { DVec2::splat(reach) } else { own.centre };
+        let [straight, flipped] = [false, true].map(|flipped| seen_there.best(&spline, middle, flipped));
         if 1.0 - flipped < MIRRORED * (1.0 - straight) && flipped - straight > MIRRORED_LEAST {
             return Err(Lost::Mirrored(straight, flipped));
         }
     }
-    Ok(Pose { from: corner + from_cells * bin, to: patch.centre, roll_rad: TAU * roll as f64 / ROLLS as f64 })
+    let from = corner + from_cells * bin;
+    match stays {
+        true => Ok(Pose { from, to: from, roll_rad: 0.0 }),
+        false => Ok(Pose { from, to: patch.centre, roll_rad: TAU * roll as f64 / ROLLS as f64 }),
+    }
 }
 
 fn correlation(a: &[f64], b: &[f64]) -> f64 {

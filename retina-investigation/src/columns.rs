@@ -1,7 +1,13 @@
 //! The columns that laws are functions of.
 
-use retina_diagnosis::{Dataset, unit_of_column};
+use std::collections::HashMap;
+use std::sync::{Arc, RwLock};
+
+use retina_diagnosis::{Dataset, lag_name, unit_of_column};
 use retina_formats::TableKind;
+
+use crate::form::Factor;
+use crate::law::Law;
 
 /// What a column's values are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,12 +20,16 @@ pub(crate) enum Content {
     Phase,
     /// 0 or 1.
     Switch,
+    /// Numbers that follow another column with a delay.
+    Lagged,
 }
 
 /// A column: its name in formulas, and how its values lie.
 #[derive(Debug, Clone)]
 pub(crate) struct Column {
     pub(crate) name: String,
+    /// The column that it follows, and its time constant in seconds.
+    pub(crate) follows: Option<(String, f64)>,
     pub(crate) low: f64,
     pub(crate) high: f64,
     pub(crate) content: Content,
@@ -31,6 +41,11 @@ pub(crate) struct Column {
 const FEW: usize = 3;
 
 impl Column {
+    /// The table's column that it is made of.
+    pub(crate) fn source(&self) -> &str {
+        self.follows.as_ref().map_or(&self.name, |(source, _)| source)
+    }
+
     pub(crate) fn half(&self) -> f64 {
         0.5 * (self.high - self.low)
     }
@@ -77,6 +92,36 @@ pub(crate) fn rounded(value: f64) -> f64 {
     format!("{value:.6e}").parse().unwrap_or(value)
 }
 
+/// Columns of a pixel's place.
+pub(crate) const PIXEL: [&str; 2] = ["camera_x_px", "camera_y_px"];
+
+/// What x and y of a direction are.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Place {
+    /// As formulas write them.
+    pub(crate) texts: [String; 2],
+    /// Of images: where they are 0, px.
+    pub(crate) middle_px: [f64; 2],
+    /// Of images: what they are counted in, px.
+    pub(crate) half_px: f64,
+}
+
+impl Place {
+    /// The columns x and y of points; of images the pixels' places about the middle of those that are looked at.
+    pub(crate) fn of(columns: &[Column]) -> Self {
+        let of = |name: &str| columns.iter().find(|column| column.name == name);
+        let [Some(x), Some(y)] = PIXEL.map(of) else {
+            return Self { texts: ["x", "y"].map(str::to_owned), middle_px: [0.0; 2], half_px: 1.0 };
+        };
+        let middle_px = [x, y].map(|column| rounded(column.middle()));
+        let half_px = rounded(x.half().max(y.half()));
+        let text = |column: &Column, middle: f64| {
+            format!("(({} - {}) / {})", column.name, column.quantity(middle), column.quantity(half_px))
+        };
+        Self { texts: [text(x, middle_px[0]), text(y, middle_px[1])], middle_px, half_px }
+    }
+}
+
 /// A table as forms read it: places and columns over its rows.
 pub(crate) struct Table {
     pub(crate) rows: usize,
@@ -86,17 +131,20 @@ pub(crate) struct Table {
     /// Turn of the camera in the facility's axes, rad.
     pub(crate) roll_rad: Vec<f64>,
     values: Vec<Vec<f64>>,
+    laws: Laws,
 }
 
-/// The values of a column by its name in formulas.
-fn values(data: &Dataset, name: &str) -> Vec<f64> {
-    let of = |name: &str| data.covariate(name).map_or_else(Vec::new, |c| c.values.clone());
-    match name {
-        "F" => of("log10_irradiance").iter().map(|l| 10f64.powf(*l)).collect(),
-        "L" => of("log10_irradiance"),
-        name => of(name),
-    }
+/// Laws of columns over the rows that were evaluated once: a search asks for the same ones in many forms.
+#[derive(Default)]
+struct Laws {
+    known: RwLock<HashMap<(usize, Law, [u64; 2]), Arc<LawValues>>>,
 }
+
+/// A law over the rows: one column, of a periodic law two.
+pub(crate) type LawValues = Vec<Vec<f64>>;
+
+/// Numbers that are kept of all laws at most.
+const MOST_KEPT: usize = 24_000_000;
 
 /// The columns of a table that laws may be functions of. Light is F, the irradiance: its logarithm is a law.
 pub(crate) fn columns(data: &Dataset) -> Vec<Column> {
@@ -107,11 +155,50 @@ pub(crate) fn columns(data: &Dataset) -> Vec<Column> {
     for name in data.screened_columns() {
         names.push(if name == "log10_irradiance" { "F".to_owned() } else { name.to_owned() });
     }
-    names.into_iter().filter_map(|name| column(data, name)).collect()
+    let own: Vec<Column> = names.into_iter().filter_map(|name| column(data, name, None)).collect();
+    let numbers = own.iter().filter(|column| column.content == Content::Number);
+    let lagged: Vec<Column> = numbers
+        .filter(|column| !NEVER_FOLLOWED.contains(&column.name.as_str()))
+        .flat_map(|column| delays_s(data, column).into_iter().map(|tau_s| (column.name.clone(), tau_s)))
+        .filter_map(|(source, tau_s)| column(data, lag_name(&source, tau_s), Some((source, tau_s))))
+        .collect();
+    own.into_iter().chain(lagged).collect()
 }
 
-fn column(data: &Dataset, name: String) -> Option<Column> {
-    let mut sorted = values(data, &name);
+/// Time itself, and how long light fell: nothing follows these with a delay.
+const NEVER_FOLLOWED: [&str; 2] = ["time_s", "exposure_s"];
+/// Most delays that are tried; each is twice the one before.
+const MOST_DELAYS: usize = 6;
+
+/// Time constants with which something may follow a column: from two of its changes on, and as long as the table shows the
+/// end of it.
+fn delays_s(data: &Dataset, column: &Column) -> Vec<f64> {
+    let (Some(times), Some(values)) = (data.covariate("time_s"), data.readable(&column.name)) else {
+        return Vec::new();
+    };
+    let mut all: Vec<(f64, f64)> = times.values.iter().copied().zip(values).collect();
+    if all.iter().any(|(time, value)| !time.is_finite() || !value.is_finite()) {
+        return Vec::new();
+    }
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let changes = all.windows(2).filter(|pair| pair[1].1 != pair[0].1).count();
+    let (Some(first), Some(last)) = (all.first(), all.last()) else { return Vec::new() };
+    let span = last.0 - first.0;
+    let shortest = 2.0 * span / changes.max(1) as f64;
+    std::iter::successors(Some(shortest), |tau_s| Some(2.0 * tau_s))
+        .take_while(|tau_s| *tau_s <= 0.25 * span)
+        .take(MOST_DELAYS)
+        .map(two_digits)
+        .collect()
+}
+
+/// A value to two digits.
+fn two_digits(value: f64) -> f64 {
+    format!("{value:.1e}").parse().unwrap_or(value)
+}
+
+fn column(data: &Dataset, name: String, follows: Option<(String, f64)>) -> Option<Column> {
+    let mut sorted = data.readable(&name)?;
     let rows = sorted.len();
     sorted.retain(|value| value.is_finite());
     // In a table a value that is missing is not known, in an image a pixel of the sky has no angle.
@@ -122,7 +209,9 @@ fn column(data: &Dataset, name: String) -> Option<Column> {
         return None;
     }
     sorted.dedup();
-    let content = if name.contains("_phase_") {
+    let content = if follows.is_some() {
+        Content::Lagged
+    } else if name.contains("_phase_") {
         Content::Phase
     } else if sorted == [0.0, 1.0] {
         Content::Switch
@@ -131,22 +220,65 @@ fn column(data: &Dataset, name: String) -> Option<Column> {
     } else {
         Content::Number
     };
-    let unit = unit_of_column(&name);
-    Some(Column { name, low, high, content, unit })
+    let unit = unit_of_column(follows.as_ref().map_or(&name, |(source, _)| source));
+    Some(Column { name, follows, low, high, content, unit })
 }
 
 impl Table {
     pub(crate) fn new(data: &Dataset, columns: &[Column]) -> Self {
         let of = |name: &str| data.covariate(name).map_or_else(Vec::new, |c| c.values.clone());
         let roll_rad = of("camera_roll_deg").iter().map(|deg| deg.to_radians()).collect();
+        let place = Place::of(columns);
+        let names = if data.kind == TableKind::Frames { PIXEL } else { ["x", "y"] };
+        let [x, y] = [0, 1].map(|axis| {
+            let about = |value: &f64| (value - place.middle_px[axis]) / place.half_px;
+            of(names[axis]).iter().map(about).collect()
+        });
         Self {
             rows: data.len(),
             components: data.components(),
-            x: of("x"),
-            y: of("y"),
+            x,
+            y,
             roll_rad,
-            values: columns.iter().map(|column| values(data, &column.name)).collect(),
+            laws: Laws::default(),
+            values: columns.iter().map(|column| data.readable(&column.name).unwrap_or_default()).collect(),
         }
+    }
+
+    /// Some of its rows. What lags is what it was with all of them.
+    pub(crate) fn of_rows(&self, rows: &[usize]) -> Self {
+        let of = |values: &Vec<f64>| rows.iter().filter_map(|&row| values.get(row).copied()).collect();
+        Self {
+            rows: rows.len(),
+            components: self.components,
+            x: of(&self.x),
+            y: of(&self.y),
+            roll_rad: of(&self.roll_rad),
+            laws: Laws::default(),
+            values: self.values.iter().map(of).collect(),
+        }
+    }
+
+    /// A law of a column over the rows. Where the column has no value the law is 0.
+    pub(crate) fn law(&self, factor: &Factor, column: &Column) -> Arc<LawValues> {
+        let shape = |k: usize| factor.shape.get(k).map_or(0, |value| value.to_bits());
+        let key = (factor.column, factor.law, [shape(0), shape(1)]);
+        let lock = std::sync::PoisonError::into_inner;
+        if let Some(known) = self.laws.known.read().unwrap_or_else(lock).get(&key) {
+            return Arc::clone(known);
+        }
+        let mut values = vec![vec![0.0; self.rows]; factor.law.width()];
+        for (row, &u) in self.values[factor.column].iter().enumerate().filter(|(_, u)| !u.is_nan()) {
+            let of_row = factor.law.value(u, &factor.shape, column);
+            values.iter_mut().zip(of_row).for_each(|(column, value)| column[row] = value);
+        }
+        let values = Arc::new(values);
+        let lock = std::sync::PoisonError::into_inner;
+        let mut known = self.laws.known.write().unwrap_or_else(lock);
+        if (known.len() + 1) * self.rows <= MOST_KEPT {
+            known.insert(key, Arc::clone(&values));
+        }
+        values
     }
 
     /// Values of a column over the rows.

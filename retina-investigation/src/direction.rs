@@ -1,9 +1,13 @@
-//! Which way errors point from place to place: vector fields that a law multiplies.
+//! Which way errors point from place to place: vector fields that a law multiplies, and how the values of images lie over
+//! their place.
 
-use crate::columns::Table;
+use retina_formats::TableKind;
+
+use crate::columns::{Place, Table};
 use crate::law::{Move, Shape};
 
-/// A vector field over the place (x, y), 1 at half the camera's width; each is linear in one to four amplitudes.
+/// A vector field over the place (x, y), 1 at half the camera's width; each is linear in one to four amplitudes. In images
+/// the place counts from the middle of the pixels that are looked at, in half their width.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Direction {
     /// A value: tables of one component.
@@ -46,6 +50,12 @@ pub enum Direction {
     WideSpot,
     /// The same way, in waves over the field.
     Wave,
+    /// A value of pixels within a width of a place.
+    Glow,
+    /// A glow with wide skirts.
+    WideGlow,
+    /// A value of pixels in waves over the image.
+    Fringes,
 }
 
 const fn place(name: &'static str) -> Shape {
@@ -82,14 +92,21 @@ impl Direction {
         Self::Prism,
     ];
 
-    /// Those that are confined or wavy. Those with wide skirts are tried where a narrow one is good ([`Self::twin`]).
-    pub(crate) const SHAPED: [Self; 4] = [Self::Dent, Self::Swirl, Self::Spot, Self::Wave];
+    /// Those of a table that are confined or wavy. Those with wide skirts are tried where a narrow one is good
+    /// ([`Self::twin`]).
+    pub(crate) fn shaped(kind: TableKind) -> &'static [Self] {
+        match kind {
+            TableKind::Points => &[Self::Dent, Self::Swirl, Self::Spot, Self::Wave],
+            TableKind::Frames => &[Self::Glow, Self::Fringes],
+            TableKind::Power | TableKind::Phase => &[],
+        }
+    }
 
     pub(crate) fn shapes(self) -> &'static [Shape] {
         match self {
-            Self::Dent | Self::Swirl | Self::Spot => &LOCAL,
-            Self::WideDent | Self::WideSwirl | Self::WideSpot => &WIDE,
-            Self::Wave => &WAVE,
+            Self::Dent | Self::Swirl | Self::Spot | Self::Glow => &LOCAL,
+            Self::WideDent | Self::WideSwirl | Self::WideSpot | Self::WideGlow => &WIDE,
+            Self::Wave | Self::Fringes => &WAVE,
             _ => &[],
         }
     }
@@ -112,7 +129,7 @@ impl Direction {
         widths: [f64; W],
     ) -> Vec<Vec<f64>> {
         match self {
-            Self::Dent | Self::Swirl | Self::Spot => {
+            Self::Dent | Self::Swirl | Self::Spot | Self::Glow => {
                 let mut out = Vec::new();
                 for x in x {
                     for y in y {
@@ -121,7 +138,7 @@ impl Direction {
                 }
                 out
             }
-            Self::Wave => {
+            Self::Wave | Self::Fringes => {
                 // Half a plane of wave vectors: the other half are the same waves.
                 let mut out = Vec::new();
                 for kx in 0..=6 {
@@ -144,6 +161,7 @@ impl Direction {
             Self::WideDent => Self::Dent,
             Self::WideSwirl => Self::Swirl,
             Self::WideSpot => Self::Spot,
+            Self::WideGlow => Self::Glow,
             other => other,
         }
     }
@@ -154,7 +172,8 @@ impl Direction {
             Self::Dent => Self::WideDent,
             Self::Swirl => Self::WideSwirl,
             Self::Spot => Self::WideSpot,
-            Self::WideDent | Self::WideSwirl | Self::WideSpot => self.narrow(),
+            Self::Glow => Self::WideGlow,
+            Self::WideDent | Self::WideSwirl | Self::WideSpot | Self::WideGlow => self.narrow(),
             _ => return None,
         };
         let place = shape.iter().copied().chain([SKIRT]).take(twin.shapes().len()).collect();
@@ -163,25 +182,34 @@ impl Direction {
 
     pub(crate) fn moves(self) -> Vec<Move> {
         match self {
-            Self::Dent | Self::Swirl | Self::Spot => vec![Move::By(0.12), Move::By(0.12), Move::Times(1.5)],
-            Self::WideDent | Self::WideSwirl | Self::WideSpot => {
+            Self::Dent | Self::Swirl | Self::Spot | Self::Glow => {
+                vec![Move::By(0.12), Move::By(0.12), Move::Times(1.5)]
+            }
+            Self::WideDent | Self::WideSwirl | Self::WideSpot | Self::WideGlow => {
                 vec![Move::By(0.12), Move::By(0.12), Move::Times(1.5), Move::Times(1.4)]
             }
-            Self::Wave => vec![Move::By(0.8), Move::By(0.8)],
+            Self::Wave | Self::Fringes => vec![Move::By(0.8), Move::By(0.8)],
             _ => Vec::new(),
         }
     }
 
     pub(crate) fn allows(self, shape: &[f64]) -> bool {
         match self {
-            Self::Dent | Self::Swirl | Self::Spot | Self::WideDent | Self::WideSwirl | Self::WideSpot => {
+            Self::Dent
+            | Self::Swirl
+            | Self::Spot
+            | Self::Glow
+            | Self::WideDent
+            | Self::WideSwirl
+            | Self::WideSpot
+            | Self::WideGlow => {
                 let skirt = shape.get(3).copied().unwrap_or(SKIRT);
                 shape[0].abs() <= 1.3
                     && shape[1].abs() <= 1.3
                     && (0.03..=2.0).contains(&shape[2])
                     && (0.5..=12.0).contains(&skirt)
             }
-            Self::Wave => shape[0].hypot(shape[1]) <= 60.0,
+            Self::Wave | Self::Fringes => shape[0].hypot(shape[1]) <= 60.0,
             _ => true,
         }
     }
@@ -200,6 +228,9 @@ impl Direction {
                 | Self::WideSwirl
                 | Self::WideSpot
                 | Self::Wave
+                | Self::Glow
+                | Self::WideGlow
+                | Self::Fringes
         )
     }
 
@@ -212,7 +243,8 @@ impl Direction {
             | Self::Tilted
             | Self::Prism
             | Self::Spot
-            | Self::WideSpot => 2,
+            | Self::WideSpot
+            | Self::Fringes => 2,
             Self::Linear | Self::Wave => 4,
             _ => 1,
         }
@@ -271,15 +303,24 @@ impl Direction {
                 let (sin, cos) = (shape[0] * x + shape[1] * y).sin_cos();
                 out.extend([[sin, 0.0], [cos, 0.0], [0.0, sin], [0.0, cos]]);
             }
+            Self::Glow | Self::WideGlow => {
+                let (_, _, fall) = local();
+                out.push([fall, 0.0]);
+            }
+            Self::Fringes => {
+                let (sin, cos) = (shape[0] * x + shape[1] * y).sin_cos();
+                out.extend([[sin, 0.0], [cos, 0.0]]);
+            }
         }
     }
 
     /// The same as text, one pair for each amplitude; an empty text is 0, "1" is 1.
-    pub(crate) fn texts(self, shape: &[String]) -> Vec<Texts> {
+    pub(crate) fn texts(self, shape: &[String], place: &Place) -> Vec<Texts> {
         let pair = |x: &str, y: &str| [x.to_owned(), y.to_owned()];
         let at = |k: usize| shape.get(k).map_or("", String::as_str);
         let local = || {
-            let (dx, dy) = (format!("(x - {})", at(0)), format!("(y - {})", at(1)));
+            let [x, y] = &place.texts;
+            let (dx, dy) = (format!("({x} - {})", at(0)), format!("({y} - {})", at(1)));
             let square = format!("({dx}^2 + {dy}^2) / {}^2", at(2));
             let fall = match shape.get(3) {
                 Some(skirt) => format!("(1 + {square})^(-{skirt})"),
@@ -317,11 +358,16 @@ impl Direction {
                 let (_, _, fall) = local();
                 vec![pair(&fall, ""), pair("", &fall)]
             }
-            Self::Wave => {
-                let phase = format!("({} * x + {} * y)", at(0), at(1));
+            Self::Wave | Self::Fringes => {
+                let [x, y] = &place.texts;
+                let phase = format!("({} * {x} + {} * {y})", at(0), at(1));
                 let (sin, cos) = (format!("sin{phase}"), format!("cos{phase}"));
-                vec![pair(&sin, ""), pair(&cos, ""), pair("", &sin), pair("", &cos)]
+                let along_x = [pair(&sin, ""), pair(&cos, "")];
+                let along_y = [pair("", &sin), pair("", &cos)];
+                let both = along_x.into_iter().chain(along_y);
+                both.take(self.width()).collect()
             }
+            Self::Glow | Self::WideGlow => vec![pair(&local().2, "")],
         }
     }
 }

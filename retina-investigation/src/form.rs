@@ -4,9 +4,10 @@ use std::fmt::Write as _;
 
 use retina_formats::TableKind;
 
-use crate::columns::{Column, Table, rounded};
+use crate::columns::{Column, PIXEL, Place, Table, rounded};
 use crate::direction::Direction;
 use crate::law::{Law, Move};
+use crate::rivals::sum;
 
 /// A law of one of the columns, its shape parameters fixed.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,6 +24,28 @@ pub(crate) struct Form {
     /// Shape parameters of the direction.
     pub(crate) place: Vec<f64>,
     pub(crate) factors: Vec<Factor>,
+}
+
+/// A direction over all components of the rows, one column for each amplitude.
+pub(crate) struct Field {
+    direction: Direction,
+    place: Vec<f64>,
+    values: Vec<Vec<f64>>,
+}
+
+impl Field {
+    fn of(direction: Direction, place: &[f64], table: &Table) -> Self {
+        let n = table.components;
+        let mut values = vec![Vec::with_capacity(n * table.rows); direction.width()];
+        let mut vectors: Vec<[f64; 2]> = Vec::new();
+        for row in 0..table.rows {
+            direction.vectors(table, row, place, &mut vectors);
+            for (column, vector) in values.iter_mut().zip(&vectors) {
+                column.extend_from_slice(&vector[..n]);
+            }
+        }
+        Self { direction, place: place.to_vec(), values }
+    }
 }
 
 /// What a form is apart from its shape parameters.
@@ -61,41 +84,64 @@ impl Form {
 
     /// Its columns over all components of the rows, one for each amplitude.
     pub(crate) fn evaluate(&self, table: &Table, columns: &[Column]) -> Vec<Vec<f64>> {
+        self.evaluate_after(table, columns, &mut None)
+    }
+
+    /// The same. `last` is the field of the form before it: one after the other many forms have the same one.
+    pub(crate) fn evaluate_after(
+        &self,
+        table: &Table,
+        columns: &[Column],
+        last: &mut Option<Field>,
+    ) -> Vec<Vec<f64>> {
+        let scalars = self.scalars(table, columns);
+        if self.direction == Direction::Value {
+            return scalars;
+        }
         let n = table.components;
-        let mut out = vec![vec![0.0; n * table.rows]; self.width()];
-        let mut vectors: Vec<[f64; 2]> = Vec::new();
-        let mut scalars: Vec<f64> = Vec::new();
-        for row in 0..table.rows {
-            self.direction.vectors(table, row, &self.place, &mut vectors);
-            scalars.clear();
-            scalars.push(1.0);
-            for factor in &self.factors {
-                let u = table.column(factor.column)[row];
-                // Where a column has no value the effect has none.
-                let value = match u.is_nan() {
-                    true => [0.0; 2],
-                    false => factor.law.value(u, &factor.shape, &columns[factor.column]),
-                };
-                let before = scalars.len();
-                if factor.law.width() == 2 {
-                    for k in 0..before {
-                        scalars.push(scalars[k] * value[1]);
-                    }
-                }
-                scalars[..before].iter_mut().for_each(|scalar| *scalar *= value[0]);
-            }
-            let mut at = 0;
-            for scalar in &scalars {
-                for vector in &vectors {
-                    out[at][n * row..n * (row + 1)]
-                        .iter_mut()
-                        .zip(vector)
-                        .for_each(|(to, component)| *to = scalar * component);
-                    at += 1;
-                }
-            }
+        let known =
+            last.take().filter(|field| field.direction == self.direction && field.place == self.place);
+        let field = last.insert(known.unwrap_or_else(|| Field::of(self.direction, &self.place, table)));
+        let times = |scalar: &Vec<f64>, of: &Vec<f64>| {
+            let rows = of.chunks_exact(n).zip(scalar);
+            rows.flat_map(|(row, scalar)| row.iter().map(move |component| scalar * component)).collect()
+        };
+        scalars
+            .iter()
+            .flat_map(|scalar| field.values.iter().map(|of| times(scalar, of)).collect::<Vec<_>>())
+            .collect()
+    }
+
+    /// The products of its laws over the rows: one, and twice as many with each periodic law.
+    fn scalars(&self, table: &Table, columns: &[Column]) -> Vec<Vec<f64>> {
+        let mut out = vec![vec![1.0; table.rows]];
+        for factor in &self.factors {
+            let laws = table.law(factor, &columns[factor.column]);
+            let by = |scalar: &Vec<f64>, law: &Vec<f64>| scalar.iter().zip(law).map(|(s, l)| s * l).collect();
+            out = laws
+                .iter()
+                .flat_map(|law| out.iter().map(|scalar| by(scalar, law)).collect::<Vec<_>>())
+                .collect();
         }
         out
+    }
+
+    /// The vectors of its direction over all components of the rows, as large as with the law that has the largest
+    /// amplitudes.
+    pub(crate) fn along(&self, table: &Table, columns: &[Column], amplitudes: &[f64]) -> Vec<f64> {
+        let alone = Self { factors: Vec::new(), ..self.clone() };
+        let size = |of: &&[f64]| of.iter().map(|a| a * a).sum::<f64>();
+        let largest = amplitudes.chunks(alone.width()).max_by(|a, b| size(a).total_cmp(&size(b)));
+        sum(&alone.evaluate(table, columns), largest.into_iter().flatten().copied())
+    }
+
+    /// What it is a function of: its covariates, where something follows one with a delay that instead.
+    pub(crate) fn reads(&self, columns: &[Column]) -> Vec<String> {
+        let lagged = |name: &String| {
+            let mut own = self.factors.iter().map(|factor| &columns[factor.column]);
+            own.find(|column| column.follows.is_some() && column.source() == name).map(|c| c.name.clone())
+        };
+        self.covariates(columns).into_iter().map(|name| lagged(&name).unwrap_or(name)).collect()
     }
 
     /// All its shape parameters, one after the other.
@@ -138,7 +184,7 @@ impl Form {
             }
         };
         for factor in &self.factors {
-            match columns[factor.column].name.as_str() {
+            match columns[factor.column].source() {
                 "F" => add("log10_irradiance"),
                 "r" => ["x", "y"].iter().for_each(|name| add(name)),
                 name => add(name),
@@ -147,6 +193,7 @@ impl Form {
         match self.direction {
             Direction::Value | Direction::Fixed => {}
             Direction::FixedInCamera => add("camera_roll_deg"),
+            Direction::Glow | Direction::WideGlow | Direction::Fringes => PIXEL.into_iter().for_each(add),
             Direction::StretchX | Direction::ShearY => add("x"),
             Direction::StretchY | Direction::ShearX => add("y"),
             _ => ["x", "y"].iter().for_each(|name| add(name)),
@@ -191,7 +238,7 @@ impl Form {
                 out
             };
         let places = texts_of(self.direction.shapes(), &self.place, None, "");
-        let vectors = self.direction.texts(&places);
+        let vectors = self.direction.texts(&places, &Place::of(columns));
         let mut scalars = vec![Vec::<String>::new()];
         for (k, factor) in self.factors.iter().enumerate() {
             let column = &columns[factor.column];
@@ -263,7 +310,8 @@ mod tests {
         let columns = columns(&data);
         let table = Table::new(&data, &columns);
         let mut forms: Vec<Form> = Vec::new();
-        for direction in Direction::PLAIN.into_iter().chain(Direction::SHAPED) {
+        let shaped = Direction::shaped(TableKind::Points).iter().copied();
+        for direction in Direction::PLAIN.into_iter().chain(shaped) {
             for place in direction.starts().into_iter().take(2) {
                 let twin = direction.twin(&place);
                 forms.push(Form { direction, place, factors: Vec::new() });

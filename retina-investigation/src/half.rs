@@ -58,7 +58,7 @@ impl<'a> Sought<'a> {
 
     /// Looks for a form in the half that is searched, and judges it; adds the number of forms to `tried`.
     pub(crate) fn in_half(&self, halves: &Halves, tried: &mut usize) -> Option<InHalf> {
-        let searched = Table::new(halves.data(Part::Half), self.columns);
+        let searched = self.whole.of_rows(halves.searched_rows());
         let search = self.search(Part::Half, &searched);
         let found = search.run(halves, None);
         *tried += found.tried;
@@ -74,7 +74,7 @@ impl<'a> Sought<'a> {
 impl<'a> Judge<'a> {
     /// `first` is the form by which the half that is searched is weighed.
     pub(crate) fn new(sought: Sought<'a>, halves: &'a Halves, first: &Form) -> Self {
-        let searched = Table::new(halves.data(Part::Half), sought.columns);
+        let searched = sought.whole.of_rows(halves.searched_rows());
         let left = halves.left(Part::Half, &finite(first.evaluate(&searched, sought.columns)));
         Self { sought, halves, searched, left }
     }

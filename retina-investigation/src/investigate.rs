@@ -322,6 +322,7 @@ impl Rounds<'_> {
         let words = words(own, columns, self.data, &amplitudes, strength);
         let covariates = own.covariates(columns);
         let weak_beside = self.weak_beside(rms, proof.strength)?;
+        let (along, reads) = (own.along(whole, columns, &amplitudes), own.reads(columns));
         self.forms.push((own.clone(), amplitudes));
         let term = Term {
             name,
@@ -336,6 +337,8 @@ impl Rounds<'_> {
             alike,
             words,
             field,
+            along,
+            reads,
         };
         Ok(Some(Chosen::Formula(Box::new(term), effect)))
     }

@@ -114,7 +114,9 @@ impl Law {
             (Content::Phase | Content::Switch, _) => Vec::new(),
             (Content::Few, Self::Linear) => places(&[0.5]),
             (Content::Few, Self::Power) if low > 0.0 => one(&[-1.0, 1.0, 2.0]),
-            (Content::Few, _) => Vec::new(),
+            // Delays are many, and a law of one more shape would fit what a shorter or longer delay does.
+            (Content::Lagged, Self::Linear) => places(&[0.0, 0.5, 1.0]),
+            (Content::Few | Content::Lagged, _) => Vec::new(),
             (Content::Number, law) => match law {
                 Self::Linear => places(&[0.0, 0.5, 1.0]),
                 Self::Square => places(&[0.0, 0.25, 0.5, 0.75, 1.0]),

@@ -70,6 +70,10 @@ pub struct Term {
     pub words: Words,
     /// What it adds to each row, components side by side, in the table's unit.
     pub field: Vec<f64>,
+    /// The vectors of its direction in each row, without its laws.
+    pub(crate) along: Vec<f64>,
+    /// What it is a function of: its columns, or what follows them with a delay.
+    pub(crate) reads: Vec<String>,
 }
 
 impl Term {

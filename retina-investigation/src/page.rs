@@ -34,9 +34,10 @@ pub fn investigation_page(data: &Dataset, result: &Investigation) -> Page {
 }
 
 fn term_section(data: &Dataset, before: &[AddedEffect], term: &Term) -> Section {
-    let over = std::iter::once(None).chain(term.covariates.iter().map(|name| Some(name.as_str())));
+    let over =
+        std::iter::once(None).chain(term.reads.iter().map(|name| Some((name.as_str(), &term.along[..]))));
     let figures: Vec<String> =
-        over.filter_map(|column| followed_svg(data, before, &term.field, column)).collect();
+        over.filter_map(|over| followed_svg(data, before, &term.field, over)).collect();
     let mut says = term.words.says.clone();
     if !term.words.independent_of.is_empty() {
         says.push(format!("It does not need {}.", term.words.independent_of.join(", ")));
@@ -50,7 +51,7 @@ fn term_section(data: &Dataset, before: &[AddedEffect], term: &Term) -> Section 
         .list(&says)
         .figures(
             &figures,
-            "Means of the errors along the formula's vectors, with their standard deviations, and the formula. What the rest of the model can be is taken out of both.",
+            "Means of the errors along the formula's vectors, with their standard deviations, and the formula: over its size, and over what it is a function of. What the rest of the model can be is taken out of both.",
         );
     let origins: Vec<Vec<String>> = term
         .words

@@ -81,8 +81,9 @@ impl Search<'_> {
             let mut promising = leading(&best, REFINED);
             if generation == 0 {
                 // A confined or wavy field scores little until it is where the data want it.
-                promising
-                    .extend(Direction::SHAPED.iter().filter_map(|d| best.get(&(*d, Vec::new())).cloned()));
+                promising.extend(
+                    Direction::shaped(self.kind).iter().filter_map(|d| best.get(&(*d, Vec::new())).cloned()),
+                );
             }
             for scored in self.refined(&left, promising) {
                 keep(&mut best, scored);
@@ -122,8 +123,8 @@ impl Search<'_> {
         let directions: &[Direction] = if points { &Direction::FIRST } else { &[Direction::Value] };
         if points {
             out.extend(Direction::PLAIN.into_iter().flat_map(|d| without_laws(d, d.starts())));
-            out.extend(Direction::SHAPED.into_iter().flat_map(|d| without_laws(d, d.close_starts())));
         }
+        out.extend(Direction::shaped(self.kind).iter().flat_map(|d| without_laws(*d, d.close_starts())));
         for &direction in directions {
             for factor in self.factors() {
                 out.push(Form { direction, place: Vec::new(), factors: vec![factor] });
@@ -152,12 +153,19 @@ impl Search<'_> {
             .collect()
     }
 
+    /// Laws of a column, of what it follows, and of all that follows the same.
+    fn factors_of_source(&self, column: usize) -> Vec<Factor> {
+        let source = self.columns[column].source();
+        let alike = |&other: &usize| self.columns[other].source() == source;
+        (0..self.columns.len()).filter(alike).flat_map(|column| self.factors_of(column)).collect()
+    }
+
     /// Straight lines in two columns multiplied, each about its middle: what no law of one of them shows.
     fn product(&self, direction: Direction, a: usize, b: usize) -> Option<Form> {
         let factor = |column: usize| {
             let of = &self.columns[column];
             match of.content {
-                Content::Phase => None,
+                Content::Phase | Content::Lagged => None,
                 Content::Switch => Some(Factor { column, law: Law::Linear, shape: Vec::new() }),
                 _ => Some(Factor { column, law: Law::Linear, shape: vec![of.middle()] }),
             }
@@ -168,22 +176,22 @@ impl Search<'_> {
     /// Laws of columns times those confined or wavy directions whose amplitude changes most with the column, whatever the
     /// law: a wave that swings about zero shows in no form without a law.
     fn modulated(&self, left: &Remainder<'_>) -> Vec<Form> {
-        if self.kind != TableKind::Points {
-            return Vec::new();
-        }
-        let bins: Vec<Vec<usize>> = (0..self.columns.len()).map(|column| self.bins(column)).collect();
+        // What lags has its source's parts, nearly.
+        let columns: Vec<usize> =
+            (0..self.columns.len()).filter(|&k| self.columns[k].content != Content::Lagged).collect();
+        let bins: Vec<Vec<usize>> = columns.iter().map(|&column| self.bins(column)).collect();
         let charge = left.components().ln();
-        let mut all: Vec<(f64, usize, Form)> = Direction::SHAPED
-            .into_iter()
-            .flat_map(|d| without_laws(d, d.starts()))
+        let mut all: Vec<(f64, usize, Form)> = Direction::shaped(self.kind)
+            .iter()
+            .flat_map(|d| without_laws(*d, d.starts()))
             .collect::<Vec<_>>()
             .into_par_iter()
             .flat_map_iter(|form| {
-                let columns: Vec<Vec<Vec<f64>>> = bins.iter().map(|bins| self.binned(&form, bins)).collect();
-                let scores = left.scores(&columns);
-                scores
+                let binned: Vec<Vec<Vec<f64>>> = bins.iter().map(|bins| self.binned(&form, bins)).collect();
+                left.scores(&binned)
                     .into_iter()
-                    .enumerate()
+                    .zip(columns.iter().copied())
+                    .map(|(score, column)| (column, score))
                     .map(|(column, score)| {
                         (score.statistic - charge * score.rank as f64, column, form.clone())
                     })
@@ -195,7 +203,7 @@ impl Search<'_> {
         all.sort_by(|a, b| b.0.total_cmp(&a.0));
         all.truncate(MODULATED);
         let of = |(_, column, form): (f64, usize, Form)| {
-            self.factors_of(column)
+            self.factors_of_source(column)
                 .into_iter()
                 .map(move |factor| Form { factors: vec![factor], ..form.clone() })
         };
@@ -224,23 +232,21 @@ impl Search<'_> {
     /// Forms that differ in the direction, in a law, by a law more or by one less.
     fn neighbours(&self, form: &Form) -> Vec<Form> {
         let mut out = Vec::new();
-        let points = self.kind == TableKind::Points;
-        if points {
-            for direction in Direction::PLAIN {
-                out.push(Form { direction, place: Vec::new(), factors: form.factors.clone() });
-            }
-            if !form.factors.is_empty() {
-                for direction in Direction::SHAPED {
-                    let of = |place| Form { direction, place, factors: form.factors.clone() };
-                    out.extend(direction.starts().into_iter().map(of));
-                }
+        let plain = if self.kind == TableKind::Points { &Direction::PLAIN[..] } else { &[Direction::Value] };
+        for &direction in plain {
+            out.push(Form { direction, place: Vec::new(), factors: form.factors.clone() });
+        }
+        if !form.factors.is_empty() {
+            for &direction in Direction::shaped(self.kind) {
+                let of = |place| Form { direction, place, factors: form.factors.clone() };
+                out.extend(direction.starts().into_iter().map(of));
             }
         }
         if let Some((direction, place)) = form.direction.twin(&form.place) {
             out.push(Form { direction, place, factors: form.factors.clone() });
         }
         for k in 0..form.factors.len() {
-            for factor in self.factors_of(form.factors[k].column) {
+            for factor in self.factors_of_source(form.factors[k].column) {
                 let mut other = form.clone();
                 other.factors[k] = factor;
                 out.push(other);
@@ -266,7 +272,8 @@ impl Search<'_> {
         let nothing = form.direction == Direction::Value && form.factors.is_empty();
         // r is in x and y already, and the logarithm of the light in the light.
         let twice = form.factors.len() == 2
-            && (form.factors[0].column == form.factors[1].column
+            && (self.columns[form.factors[0].column].source()
+                == self.columns[form.factors[1].column].source()
                 || (named("r") && (named("x") || named("y"))));
         form.width() <= MOST_AMPLITUDES && turns && !nothing && !twice && form.allowed(self.columns)
     }
@@ -279,8 +286,11 @@ impl Search<'_> {
         forms
             .par_chunks(BATCH)
             .flat_map_iter(|batch| {
-                let columns: Vec<Vec<Vec<f64>>> =
-                    batch.iter().map(|form| finite(form.evaluate(self.table, self.columns))).collect();
+                let mut last = None;
+                let columns: Vec<Vec<Vec<f64>>> = batch
+                    .iter()
+                    .map(|form| finite(form.evaluate_after(self.table, self.columns, &mut last)))
+                    .collect();
                 let scores = left.scores(&columns);
                 batch
                     .iter()

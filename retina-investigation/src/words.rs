@@ -3,7 +3,7 @@
 use retina_diagnosis::Dataset;
 use serde::Deserialize;
 
-use crate::columns::{Column, Content, rounded};
+use crate::columns::{Column, Content, Place, rounded};
 use crate::direction::Direction;
 use crate::form::{Factor, Form};
 use crate::law::Law;
@@ -46,6 +46,8 @@ struct Origins {
 
 /// The list, as the project keeps it.
 const ORIGINS: &str = include_str!("origins.toml");
+/// The name in the list of what follows a column with a delay.
+const DELAY: &str = "Delay";
 /// Most origins that are named.
 const MOST_ORIGINS: usize = 3;
 
@@ -64,7 +66,7 @@ pub(crate) fn words(
     strength: f64,
 ) -> Words {
     let unit = data.kind.unit();
-    let mut says = vec![direction(form, amplitudes, unit)];
+    let mut says = vec![direction(form, amplitudes, unit, &Place::of(columns))];
     for factor in &form.factors {
         says.push(law(factor, &columns[factor.column]));
     }
@@ -72,13 +74,15 @@ pub(crate) fn words(
     let own = form.covariates(columns);
     let independent_of =
         data.screened_columns().into_iter().filter(|name| !own.iter().any(|o| o == name)).map(str::to_owned);
-    Words { says, independent_of: independent_of.collect(), origins: likely(form, &own) }
+    let delayed = form.factors.iter().any(|factor| columns[factor.column].follows.is_some());
+    Words { says, independent_of: independent_of.collect(), origins: likely(form, &own, delayed) }
 }
 
 /// Mechanisms whose columns are in the formula; those that agree in direction and law first.
-fn likely(form: &Form, own: &[String]) -> Vec<Origin> {
+fn likely(form: &Form, own: &[String], delayed: bool) -> Vec<Origin> {
     let direction = format!("{:?}", form.direction.narrow());
-    let laws: Vec<String> = form.factors.iter().map(|factor| format!("{:?}", factor.law)).collect();
+    let mut laws: Vec<String> = form.factors.iter().map(|factor| format!("{:?}", factor.law)).collect();
+    laws.extend(delayed.then(|| DELAY.to_owned()));
     // Fields of errors always depend on the place: a mechanism that names no place is one of the others.
     let others: Vec<&String> = own.iter().filter(|name| !["x", "y"].contains(&name.as_str())).collect();
     let mut fitting: Vec<(usize, Origin)> = origins()
@@ -100,7 +104,7 @@ fn likely(form: &Form, own: &[String]) -> Vec<Origin> {
     fitting.into_iter().map(|(_, origin)| origin).take(MOST_ORIGINS).collect()
 }
 
-fn direction(form: &Form, amplitudes: &[f64], unit: &str) -> String {
+fn direction(form: &Form, amplitudes: &[f64], unit: &str, place: &Place) -> String {
     let size = amplitudes.iter().map(|a| a * a).sum::<f64>().sqrt();
     // Along a fixed direction the first two amplitudes tell it, whatever the law's sign.
     let angle = || match amplitudes {
@@ -114,7 +118,25 @@ fn direction(form: &Form, amplitudes: &[f64], unit: &str) -> String {
             form.place[0], form.place[1], form.place[2]
         )
     };
+    let px = |axis: usize| place.middle_px[axis] + place.half_px * form.place[axis];
     match form.direction {
+        Direction::Glow | Direction::WideGlow => {
+            let skirts = if form.place.len() > 3 { " and with wide skirts beyond" } else { "" };
+            format!(
+                "It is a value about pixel ({:.0}, {:.0}), within {:.0} px{skirts}, of {size:.3} {unit} in its middle where its laws are 1.",
+                px(0),
+                px(1),
+                place.half_px * form.place[2]
+            )
+        }
+        Direction::Fringes => {
+            let (kx, ky) = (form.place[0], form.place[1]);
+            format!(
+                "It is a wave over the image of {:.1} px, across {:.0} deg from x towards y, of {size:.3} {unit} where its laws are 1.",
+                std::f64::consts::TAU / kx.hypot(ky) * place.half_px,
+                ky.atan2(kx).to_degrees()
+            )
+        }
         Direction::Value => {
             format!("It is a value of each reading, of {size:.3} {unit} where its laws are 1.")
         }
@@ -153,14 +175,18 @@ fn direction(form: &Form, amplitudes: &[f64], unit: &str) -> String {
 }
 
 fn law(factor: &Factor, column: &Column) -> String {
-    let name = match column.name.as_str() {
+    let source = match column.source() {
         "F" => "the irradiance F",
         "r" => "the radius r",
         name => name,
     };
+    let name = match &column.follows {
+        None => source.to_owned(),
+        Some((_, tau_s)) => format!("what follows {source} with a time constant of {} s", short(*tau_s)),
+    };
     let of = |value: f64| {
         // A temperature is in degrees; its changes are in kelvin.
-        let unit = if column.name == "temperature_c" { Some("deg C") } else { column.unit.as_deref() };
+        let unit = if column.source() == "temperature_c" { Some("deg C") } else { column.unit.as_deref() };
         format!("{}{}", short(value), unit.map_or_else(String::new, |unit| format!(" {unit}")))
     };
     let shape = &factor.shape;
@@ -221,7 +247,8 @@ mod tests {
     fn the_list_of_origins_is_read() {
         let list: Origins = toml::from_str(ORIGINS).unwrap();
         assert!(list.origin.len() >= 20);
-        let laws: Vec<String> = Law::ALL.iter().map(|law| format!("{law:?}")).collect();
+        let mut laws: Vec<String> = Law::ALL.iter().map(|law| format!("{law:?}")).collect();
+        laws.push(DELAY.to_owned());
         for origin in &list.origin {
             assert!(!origin.columns.is_empty(), "{}", origin.mechanism);
             assert!(origin.laws.iter().all(|law| laws.contains(law)), "{}", origin.mechanism);

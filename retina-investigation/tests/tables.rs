@@ -84,6 +84,33 @@ fn a_strong_blemish_is_one_formula_and_what_is_weak_beside_it_is_said() {
     }
 }
 
+/// A holder that squeezes the field follows the air with a time constant of 600 s: each exposure comes 90 s after the last.
+#[test]
+fn what_follows_the_temperature_with_a_delay_is_found() {
+    let holder = std::cell::Cell::new((0, 20.0));
+    let squeezed = |p: &Point| {
+        let (exposure, at) = holder.get();
+        let at = if p.exposure == exposure {
+            at
+        } else {
+            at + (p.temperature_c - at) * (1.0 - (-90.0 / 600.0f64).exp())
+        };
+        holder.set((p.exposure, at));
+        p.r + DVec2::new(p.r.x, -p.r.y) / HALF * (8.0 * (at - 20.0) * ARCSEC)
+    };
+    let data = Campaign::new(53).data(&setup(), &squeezed);
+    let found = asked(&data);
+    let term = &found.terms[0];
+    let tau = term.effect.split("lag(temperature_c, ").nth(1).and_then(|rest| rest.split("[s]").next());
+    let tau: f64 = tau.unwrap_or_else(|| panic!("{}", term.effect)).parse().unwrap();
+    assert!((350.0..=750.0).contains(&tau), "{}", term.effect);
+    assert!(
+        term.covariates.contains(&"temperature_c".to_owned()) && term.covariates.contains(&"x".to_owned())
+    );
+    assert!(term.words.says.iter().any(|says| says.contains("follows temperature_c with a time constant")));
+    assert!(term.words.origins[0].mechanism.starts_with("A heavy part"), "{:?}", term.words.origins);
+}
+
 #[test]
 fn noise_has_no_formula() {
     // One table in fifty has one by chance: these have none.
@@ -266,6 +293,33 @@ fn pixels(error: &dyn Fn(DVec2, f64) -> f64, seed: u64) -> Dataset {
     pixels.covariates = names.iter().zip(columns).map(named).collect();
     pixels.white = Some(White { sigma_dn: white, source: "made".to_owned() });
     Dataset::of_pixels(pixels).unwrap()
+}
+
+/// An amplifier glows within some pixels of a place: one formula, with the place and its skirts.
+#[test]
+fn a_glow_of_the_detector_is_one_formula_of_the_place() {
+    let glow = |at: DVec2| 12.0 / (1.0 + ((at - DVec2::new(40.0, 22.0)) / 7.0).length_squared()).powi(3);
+    let data = pixels(&|at, _| glow(at), 7);
+    let found = asked(&data);
+    let said = investigation_text(&data, &found);
+    assert_eq!(found.terms.len(), 1, "{said:#?}");
+    let term = &found.terms[0];
+    assert_eq!(term.covariates, ["camera_x_px", "camera_y_px"], "{}", term.effect);
+    assert!(term.effect.contains("skirt"), "{}", term.effect);
+    assert!(term.words.says[0].starts_with("It is a value about pixel (40, 22)"), "{:?}", term.words.says);
+    assert!(term.words.origins[0].mechanism.starts_with("The detector glows"), "{:?}", term.words.origins);
+    // The file says what the search has evaluated.
+    let model = [AddedEffect::of_text("glow", &term.effect, &data).unwrap()];
+    let fitted = fit(&data, &model).unwrap();
+    let truth: Vec<f64> = (0..data.len())
+        .map(|row| {
+            let of = |name: &str| data.covariate(name).unwrap().values[row];
+            glow(DVec2::new(of("camera_x_px"), of("camera_y_px")))
+        })
+        .collect();
+    let off = |field: &[f64]| field.iter().zip(&truth).map(|(f, t)| (f - t).powi(2)).sum::<f64>().sqrt();
+    let size = off(&vec![0.0; truth.len()]);
+    assert!(off(&fitted.own_effects_on(&model, &data)) < 0.2 * size, "{}", term.effect);
 }
 
 #[test]

@@ -166,36 +166,6 @@ pub(super) fn plain<'a>(leading: Vec<Term<'a>>) -> Vec<Variant<'a>> {
     vec![Variant { shape: Vec::new(), leading, further: Vec::new() }]
 }
 
-/// `values` lagged by a first-order response of time constant `tau_s`, per row (K. Ogata, Modern Control Engineering,
-/// sec. 5-2), in each campaign by itself; rows of one time share a value.
-pub(super) fn lagged(campaign: &[usize], time_s: &[f64], values: &[f64], tau_s: f64) -> Vec<f64> {
-    let mut out = vec![0.0; values.len()];
-    for number in 0..=campaign.iter().copied().max().unwrap_or(0) {
-        let rows: Vec<usize> = (0..values.len()).filter(|&row| campaign[row] == number).collect();
-        if !rows.is_empty() {
-            lag(rows, time_s, values, tau_s, &mut out);
-        }
-    }
-    out
-}
-
-fn lag(mut order: Vec<usize>, time_s: &[f64], values: &[f64], tau_s: f64, out: &mut [f64]) {
-    order.sort_by(|&a, &b| time_s[a].total_cmp(&time_s[b]));
-    let mut state = values[order[0]];
-    let (mut last_time, mut last_value) = (time_s[order[0]], values[order[0]]);
-    for row in order {
-        let step = time_s[row] - last_time;
-        if step > 0.0 {
-            // Linear between readings: exact response to a ramp.
-            let (decay, slope) = ((-step / tau_s).exp(), (values[row] - last_value) / step);
-            let start = state - (last_value - slope * tau_s);
-            state = values[row] - slope * tau_s + start * decay;
-            (last_time, last_value) = (time_s[row], values[row]);
-        }
-        out[row] = state;
-    }
-}
-
 /// Whether an effect of the catalogue reads a column of such a table.
 pub(crate) fn is_read(kind: TableKind, column: &str) -> bool {
     effects(Some(kind)).iter().any(|effect| effect.covariates().contains(&column))
@@ -223,22 +193,4 @@ pub(super) fn step_times(data: &Dataset, time_s: &[f64], most: usize) -> Vec<f64
     let inner = if middles.len() > 6 { &middles[1..middles.len() - 1] } else { &middles[..] };
     let stride = inner.len().div_ceil(most).max(1);
     inner.iter().copied().skip(stride / 2).step_by(stride).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    /// A ramp of slope 1 from rest lags by tau in the end: t - tau (1 - exp(-t / tau)) (Ogata, sec. 5-2); another campaign
-    /// at the same times, which stands still, changes nothing.
-    #[test]
-    fn campaigns_lag_by_themselves() {
-        let times: Vec<f64> = (0..200).map(|row| f64::from(row / 2)).collect();
-        let campaign: Vec<usize> = (0..200).map(|row| row % 2).collect();
-        let values: Vec<f64> = (0..200).map(|row| if row % 2 == 0 { times[row] } else { 7.0 }).collect();
-        let lagged = super::lagged(&campaign, &times, &values, 10.0);
-        for row in 0..200 {
-            let t = times[row];
-            let expected = if row % 2 == 0 { t - 10.0 * (1.0 - (-t / 10.0).exp()) } else { 7.0 };
-            assert!((lagged[row] - expected).abs() < 1e-9, "{row}");
-        }
-    }
 }

@@ -7,8 +7,9 @@ use retina_formats::Channel;
 
 use crate::data::{Dataset, Term, longer_focal};
 use crate::field::Held;
+use crate::following::lagged;
 
-use super::{Variant, lagged, need, plain, step_times, to_unit};
+use super::{Variant, need, plain, step_times, to_unit};
 
 pub(super) fn xy(data: &Dataset) -> (&[f64], &[f64]) {
     (data.values("x"), data.values("y"))

@@ -11,6 +11,7 @@ mod power;
 mod read;
 mod scale;
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
@@ -28,6 +29,7 @@ use retina_geometry::{ComaForm, ComaTracer, SpotShifts};
 use retina_formats::{Channel, TableKind};
 
 use crate::field::{Field, Held};
+use crate::following::read_column;
 use crate::form_error::FormError;
 
 /// A column over the rows: its name and its value(s) in a row, in units of the data per unit of its amplitude.
@@ -356,6 +358,12 @@ impl Dataset {
     /// Values of a covariate, where it is there.
     pub fn covariate(&self, name: &str) -> Option<&Covariate> {
         self.covariates.iter().find(|c| c.name == name)
+    }
+
+    /// Values of what one's own effects may read (see [`OwnEffect::columns`](crate::OwnEffect::columns)); `None` where it
+    /// is not there.
+    pub fn readable(&self, name: &str) -> Option<Vec<f64>> {
+        read_column(self, name).ok().map(Cow::into_owned)
     }
 
     /// Values of a covariate that every table of this kind has.

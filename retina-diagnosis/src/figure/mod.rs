@@ -13,6 +13,7 @@ use retina_plot::{Arrows, Axis, Figure, HeatMap, PALETTE, Panel, Style};
 use crate::added::{AddedEffect, adjusted};
 use crate::data::Dataset;
 use crate::estimate::estimate;
+use crate::following::of_lag_name;
 use crate::noise::{RobustFit, robust_fit};
 use crate::screens::screened;
 use crate::uncertainty::{Spread, correlation_of, independent_errors, spread};
@@ -285,6 +286,9 @@ pub fn axis_label(name: &str) -> String {
         ("_c", "\u{b0}C"),
         ("_s", "s"),
     ];
+    if let Some((column, tau_s)) = of_lag_name(name) {
+        return format!("{}, {tau_s} s behind", axis_label(column));
+    }
     match name {
         "log10_irradiance" => return "log10 of the irradiance (white at full count: 0)".to_owned(),
         "digital_count" => return "digital count (DN)".to_owned(),

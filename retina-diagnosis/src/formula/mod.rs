@@ -42,7 +42,7 @@ pub(crate) enum Op {
     Number(f64),
     /// The number before it has this unit.
     Unit(Unit),
-    Column(usize),
+    Column(Read),
     Parameter(usize),
     Add,
     Subtract,
@@ -51,6 +51,15 @@ pub(crate) enum Op {
     Power,
     Negate,
     Call(Function),
+}
+
+/// What is read of a table: a column as it is, or as something slow follows it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Read {
+    /// Index of the column.
+    pub(crate) column: usize,
+    /// Time constant of what follows it; `None`: as it is.
+    pub(crate) lag_s: Option<f64>,
 }
 
 /// A formula as a list of operations.
@@ -85,25 +94,25 @@ impl Dual {
 }
 
 impl Formula {
-    /// Indices of the columns it reads.
-    pub(crate) fn columns(&self) -> impl Iterator<Item = usize> {
+    /// What it reads of the table.
+    pub(crate) fn reads(&self) -> impl Iterator<Item = Read> {
         self.ops.iter().filter_map(|op| match op {
-            Op::Column(index) => Some(*index),
+            Op::Column(read) => Some(*read),
             _ => None,
         })
     }
 
-    /// Gives its columns other indices.
-    pub(crate) fn renumber(&mut self, of: impl Fn(usize) -> usize) {
+    /// Gives what it reads other indices; columns that lag are columns of their own then.
+    pub(crate) fn renumber(&mut self, of: impl Fn(Read) -> usize) {
         for op in &mut self.ops {
-            if let Op::Column(index) = op {
-                *index = of(*index);
+            if let Op::Column(read) = op {
+                *read = Read { column: of(*read), lag_s: None };
             }
         }
     }
 
     /// Value and derivatives by the parameters (forward differentiation: A. Griewank, A. Walther, Evaluating
-    /// Derivatives, 2nd ed., ch. 3).
+    /// Derivatives, 2nd ed., ch. 3). `column` gives a value by its index.
     pub(crate) fn evaluate(&self, column: impl Fn(usize) -> f64, parameters: &[f64]) -> (f64, Vec<f64>) {
         let constant = |value| Dual { value, slope: vec![0.0; parameters.len()] };
         let mut stack: Vec<Dual> = Vec::new();
@@ -111,7 +120,7 @@ impl Formula {
             let next = match *op {
                 Op::Number(value) => constant(value),
                 Op::Unit(_) => continue,
-                Op::Column(index) => constant(column(index)),
+                Op::Column(read) => constant(column(read.column)),
                 Op::Parameter(index) => {
                     let mut dual = constant(parameters[index]);
                     dual.slope[index] = 1.0;
@@ -210,6 +219,27 @@ mod tests {
             "a power of 0 by its exponent has no derivative that a computer can tell"
         );
         assert_eq!(value("step(t - 1)", &[("t", 1.5)], &[]).0, 1.0);
+    }
+
+    #[test]
+    fn a_lag_reads_a_column_with_a_time_constant() {
+        let read = |text: &str| parse(text, &["temperature_c", "time_s"], &["a", "tau"]);
+        let formula =
+            read("a * lag( temperature_c , 9e2[s] ) + a * temperature_c + a * lag(time_s, 5)").unwrap();
+        let reads: Vec<(usize, Option<f64>)> =
+            formula.reads().map(|read| (read.column, read.lag_s)).collect();
+        assert_eq!(reads, [(0, Some(900.0)), (0, None), (1, Some(5.0))]);
+        for (text, offset) in [
+            ("a * lag(temperature_c, tau)", 23),
+            ("a * lag(temperature_c, 0[s])", 23),
+            ("a * lag(temperature_c, 9[K])", 23),
+            ("a * lag(temperature_c)", 21),
+            ("a * lag(tau, 9[s])", 8),
+            ("a * lag(temperature_c, 9[s]", 27),
+        ] {
+            assert_eq!(read(text).unwrap_err().offset, offset, "{text}");
+        }
+        assert!(parse("lag(x, 9[s])", &["x"], &[]).unwrap_err().problem.contains("time_s"));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::ops::Range;
 use retina_files::nearest;
 
 use super::units::Unit;
-use super::{FUNCTIONS, Formula, Op};
+use super::{FUNCTIONS, Formula, Op, Read};
 
 /// What does not fit, and where in the formula (bytes).
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -25,6 +25,9 @@ struct Parser<'t> {
     places: Vec<Range<usize>>,
     depth: usize,
 }
+
+/// The function of a column that follows it with a delay: `lag(temperature_c, 900[s])`.
+const LAG: &str = "lag";
 
 /// Deepest nesting: a limit that no honest formula meets keeps the stack whole.
 const DEEPEST: usize = 100;
@@ -185,13 +188,16 @@ impl Parser<'_> {
             self.push(Op::Call(*function), place);
             return Ok(());
         }
+        if name == LAG && rest[length..].trim_start().starts_with('(') {
+            return self.lag();
+        }
         let op = match (find(self.parameters), find(self.columns)) {
             (Some(index), _) => Op::Parameter(index),
-            (None, Some(index)) => Op::Column(index),
+            (None, Some(column)) => Op::Column(Read { column, lag_s: None }),
             (None, None) if name == "pi" => Op::Number(std::f64::consts::PI),
             (None, None) => {
-                let known =
-                    self.parameters.iter().chain(self.columns).chain(FUNCTIONS.iter().map(|(n, _)| n));
+                let functions = FUNCTIONS.iter().map(|(n, _)| n).chain([&LAG]);
+                let known = self.parameters.iter().chain(self.columns).chain(functions);
                 let near = nearest(name, known.copied()).map(|near| format!("did you mean `{near}`?"));
                 let all = || format!("columns here: {}", self.columns.join(", "));
                 let mut error = self.wrong(&format!("`{name}` is neither a column nor a parameter"), length);
@@ -201,6 +207,56 @@ impl Parser<'_> {
         };
         self.push(op, self.at..self.at + length);
         self.at += length;
+        Ok(())
+    }
+
+    /// A column and the time constant of what follows it. The time is a number: lagged values are made before a fit.
+    fn lag(&mut self) -> Result<(), FormulaError> {
+        let start = self.at;
+        self.at += LAG.len();
+        let expected = |mut error: FormulaError| {
+            error.help = Some("such as lag(temperature_c, 900[s])".to_owned());
+            error
+        };
+        self.peek();
+        self.at += 1;
+        self.peek();
+        let rest = &self.text[self.at..];
+        let length = rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len());
+        let Some(column) = self.columns.iter().position(|name| *name == &rest[..length]) else {
+            return Err(expected(self.wrong("a column is expected here: what is followed", length.max(1))));
+        };
+        if !self.columns.contains(&"time_s") {
+            return Err(self.wrong("a lag needs the table's column `time_s`, which is not there", length));
+        }
+        self.at += length;
+        if self.peek() != Some(',') {
+            return Err(expected(self.wrong("`,` is expected here, and a time constant behind it", 1)));
+        }
+        self.at += 1;
+        let number = self.peek().is_some_and(|c| c.is_ascii_digit() || c == '.');
+        let time = self.at;
+        if !number {
+            return Err(expected(self.wrong("a time constant is a number: it is not fitted", 1)));
+        }
+        let before = self.ops.len();
+        self.number()?;
+        let seconds = match &self.ops[before..] {
+            [Op::Number(value)] => Some(*value),
+            [Op::Number(value), Op::Unit(unit)] if *unit == Unit::of_column("time_s").unwrap_or_default() => {
+                Some(*value)
+            }
+            _ => None,
+        };
+        self.ops.truncate(before);
+        self.places.truncate(before);
+        let Some(lag_s) = seconds.filter(|seconds| *seconds > 0.0) else {
+            let length = self.at - time;
+            self.at = time;
+            return Err(expected(self.wrong("a time constant is above 0 and in s", length)));
+        };
+        self.closed()?;
+        self.push(Op::Column(Read { column, lag_s: Some(lag_s) }), start..self.at);
         Ok(())
     }
 }

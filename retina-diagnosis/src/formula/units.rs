@@ -165,7 +165,7 @@ impl Formula {
                     pop();
                     Part::Of { unit: unit.clone(), factor: 1.0 }
                 }
-                Op::Column(index) => known(&columns[*index]),
+                Op::Column(read) => known(&columns[read.column]),
                 Op::Parameter(index) => known(&parameters[*index]),
                 Op::Negate => pop(),
                 Op::Call(function) => {

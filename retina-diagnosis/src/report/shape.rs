@@ -91,14 +91,14 @@ fn shape_over(
     }
 }
 
-/// Errors that a model leaves along the vectors of `field`, a prediction of them over all components in the table's unit,
-/// and the prediction itself: means over a column, or over the prediction's own size. What the model can be is taken
-/// out of both.
+/// Errors that a model leaves, and `field`, a prediction of them over all components in the table's unit. Over a column
+/// (a covariate, or one that lags) means of what both are along the vectors `along`, signed; without one over the
+/// prediction's own size, along its own vectors. What the model can be is taken out of both.
 pub fn followed_svg(
     data: &Dataset,
     added: &[AddedEffect],
     field: &[f64],
-    column: Option<&str>,
+    over: Option<(&str, &[f64])>,
 ) -> Option<String> {
     let adjusted = adjusted(data, added);
     let fit = robust_fit(&adjusted.data, &adjusted.base);
@@ -108,24 +108,27 @@ pub fn followed_svg(
         own.iter_mut().zip(base).for_each(|(value, base)| *value -= c * base);
     }
     let n = data.components();
-    let size = |row: usize| own[row * n..(row + 1) * n].iter().map(|v| v * v).sum::<f64>().sqrt();
-    let along = |values: &[f64], row: usize| -> f64 {
-        let product: f64 = (row * n..(row + 1) * n).map(|at| values[at] * own[at]).sum();
-        product / size(row).max(f64::MIN_POSITIVE)
+    let size = |vectors: &[f64], row: usize| {
+        vectors[row * n..(row + 1) * n].iter().map(|v| v * v).sum::<f64>().sqrt()
     };
-    let values: Vec<f64> = match column {
-        Some(name) => data.covariate(name)?.values.clone(),
-        None => (0..data.len()).map(size).collect(),
+    let vectors = over.map_or(own.as_slice(), |(_, along)| along);
+    let along = |values: &[f64], row: usize| -> f64 {
+        let product: f64 = (row * n..(row + 1) * n).map(|at| values[at] * vectors[at]).sum();
+        product / size(vectors, row).max(f64::MIN_POSITIVE)
+    };
+    let values: Vec<f64> = match over {
+        Some((name, _)) => data.readable(name)?,
+        None => (0..data.len()).map(|row| size(&own, row)).collect(),
     };
     let rows: Vec<usize> =
         (0..data.len()).filter(|&row| !fit.weights.outlier[row] && values[row].is_finite()).collect();
     let unit = data.kind.unit();
-    let across = column.map_or_else(|| format!("size of the formula ({unit})"), axis_label);
+    let across = over.map_or_else(|| format!("size of the formula ({unit})"), |(name, _)| axis_label(name));
     let mut panel =
         Panel::new(Axis::linear(across), Axis::linear(format!("error along the formula ({unit})")));
     let of = |error: &dyn Fn(usize) -> f64| means(data, &fit.weights, &rows, |row| values[row], error);
     panel.means("measured", &of(&|row| along(&fit.residual, row)), Style::line(PALETTE[0]));
-    let formula: Vec<[f64; 2]> = of(&size).iter().map(|[x, y, _]| [*x, *y]).collect();
+    let formula: Vec<[f64; 2]> = of(&|row| along(&own, row)).iter().map(|[x, y, _]| [*x, *y]).collect();
     panel.line("formula", &formula, Style::line(PALETTE[1]));
     Some(panel.to_svg(PANEL_PX))
 }
