@@ -23,8 +23,8 @@ import OpenEXR
 from PIL import Image
 
 STRENGTHS = [0.3, 1.0, 3.0, 10.0]
-WIDTH, HEIGHT, RADIUS, FINE = 200, 160, 46.0, 4
-FULL_DN, READ_DN, ELECTRONS_PER_DN = 2600.0, 6.0, 2.4
+WIDTH, HEIGHT, RADIUS, FINE = 112, 96, 30.0, 4
+FULL_DN, READ_DN, ELECTRONS_PER_DN, LARGEST_DN = 2600.0, 2.0, 20.0, 500.0
 SETUP = f"""schema = "retina.setup/1"
 name = "formula-images"
 [screen]
@@ -49,7 +49,7 @@ class Ball:
     """An image: light and angles at the pixels, their own rows and columns from -1 to 1."""
 
     def __init__(self, random, texture, phase):
-        centre = np.array([WIDTH / 2, HEIGHT / 2]) + random.uniform(-12, 12, 2)
+        centre = np.array([WIDTH / 2, HEIGHT / 2]) + random.uniform(-8, 8, 2)
         y, x = np.mgrid[0 : HEIGHT * FINE, 0 : WIDTH * FINE]
         px, py = ((x + 0.5) / FINE - centre[0]) / RADIUS, ((y + 0.5) / FINE - centre[1]) / RADIUS
         r2 = px**2 + py**2
@@ -80,8 +80,8 @@ class Ball:
 
 
 # Each law: columns of the truth, and what it adds to a pixel of light l (0 to 1). `n` are six numbers from 0 to 1.
-def traps(b, n, l):  # charge that the first electrons lose
-    return np.exp(-l / (0.03 + 0.08 * n[0]))
+def traps(b, n, l):  # the first electrons of a pixel are lost
+    return np.exp(-l / (0.06 + 0.1 * n[0])) - 1
 
 
 def stage_compresses(b, n, l):  # an amplifier that changes its gain at one level
@@ -157,7 +157,10 @@ def write(folder, seed, law, strength, blurred):
     scale = 0.0
     if law:
         rms = np.sqrt((np.concatenate([n[b.lit] for n, b in zip(noise, balls)]) ** 2).mean())
+        # An error as large as the light would leave no image.
         scale = strength * rms / np.sqrt((beside(balls, lit) ** 2).mean())
+        scale = min(scale, LARGEST_DN / max(np.abs(field).max() for field in fields))
+    counts = []
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "setup.toml").write_text(SETUP)
     with open(folder / "frames.csv", "w") as out:
@@ -167,13 +170,14 @@ def write(folder, seed, law, strength, blurred):
             if blurred:  # a defocus of one pixel: a known effect
                 for axis in (0, 1):
                     light = 0.5 * light + 0.25 * (np.roll(light, 1, axis) + np.roll(light, -1, axis))
-            ball.write(folder, k, 120 + light + scale * field + sigma * random.normal(size=light.shape))
+            counts.append(900 + light + scale * field)
+            ball.write(folder, k, counts[-1] + sigma * random.normal(size=light.shape))
             out.write(f"predicted{k}.exr,measured{k}.png\n")
-    return balls, [scale * field for field in fields]
+    return balls, counts, [scale * field for field in fields]
 
 
 def predicted(options, folder, told):
-    """What the whole model adds, at each pixel of the fit, and that pixel's image and place."""
+    """What the whole model says, with each pixel of the fit, its image and place."""
     files = []
     for term in told["terms"]:
         path = folder / f"{term['name']}.toml"
@@ -190,20 +194,21 @@ def predicted(options, folder, told):
         return list(csv.DictReader(rows))
 
 
-def error_of(options, folder, told, balls, fields):
-    """Error of what the model adds over the rms of what is there, at the pixels that the fit has."""
+def error_of(options, folder, told, balls, counts, fields):
+    """Error of what the model says of the images over the rms of the hidden error, at the pixels that the fit has. Known
+    effects change what a baseline is, so only the whole tells."""
     made = [np.full(ball.light.shape, np.nan) for ball in balls]
     for row in predicted(options, folder, told):
         x, y = int(float(row["camera_x_px"])), int(float(row["camera_y_px"]))
-        made[int(row["image"])][y, x] = float(row["effect_dn"])
+        made[int(row["image"]) - 1][y, x] = float(row["baseline"]) + float(row["effect"])
     for ball, values in zip(balls, made):
         ball.lit = ball.lit & np.isfinite(values)
     at = lambda of: np.concatenate([values[ball.lit] for ball, values in zip(balls, of)])  # noqa: E731
-    truth, error = beside(balls, at(fields)), beside(balls, at(made) - at(fields))
+    truth, error = beside(balls, at(fields)), beside(balls, at(made) - at(counts))
     return np.sqrt((error**2).mean() / (truth**2).mean())
 
 
-def judge(options, folder, told, law, balls, fields):
+def judge(options, folder, told, law, balls, counts, fields):
     if law is None:
         return ("found" if told["terms"] else "nothing"), None
     if not told["terms"] and not told["known"]:
@@ -214,7 +219,7 @@ def judge(options, folder, told, law, balls, fields):
         strong += json.loads(known.stdout)["effects"][0]["covariates"]
     columns = {COLUMNS.get(name, name) for name in strong}
     said = "right columns" if columns == LAWS[law] else "other columns"
-    share = error_of(options, folder, told, balls, fields)
+    share = error_of(options, folder, told, balls, counts, fields)
     return f"{said}, {'equivalent' if share <= 0.2 else 'not equivalent'}", share
 
 
@@ -233,7 +238,7 @@ def main():
     def one(task):
         number, (law, strength) = task
         folder = options.out / f"{number:04d}"
-        balls, fields = write(folder, (options.seed, number), law, strength, law is None and number % 2 == 1)
+        balls, counts, fields = write(folder, (options.seed, number), law, strength, law is None and number % 2 == 1)
         done = folder / "investigation.json"
         if not done.exists():
             files = ["--setup", folder / "setup.toml", "--data", folder / "frames.csv"]
@@ -242,7 +247,7 @@ def main():
                 sys.exit(f"{folder}: retina ended with {answer.returncode}: {answer.stderr}")
             done.write_text(answer.stdout)
         told = json.loads(done.read_text())
-        return folder, law, strength, *judge(options, folder, told, law, balls, fields), told
+        return folder, law, strength, *judge(options, folder, told, law, balls, counts, fields), told
 
     found = collections.defaultdict(collections.Counter)
     with ThreadPoolExecutor(options.jobs) as pool:

@@ -22,7 +22,7 @@ use crate::scatter::{Noise, noise};
 use crate::score::Frame;
 use crate::together::Together;
 use crate::units::{Units, in_time};
-use crate::wander::likeliest;
+use crate::wander::possible;
 
 /// Fewest units of a half: their signs flip in 64 ways.
 const FEWEST_UNITS: usize = 6;
@@ -168,18 +168,18 @@ impl Halves {
     /// Judges a form: `predicted` is what the other half says it adds to each row of the table, in the table's unit;
     /// `columns` are those it was fitted with, for the weights.
     ///
-    /// The proof has to hold with the correlation of groups that was told, and with the likeliest one where that is larger:
-    /// the larger p-value counts. With too small a correlation a form that follows the wandering in one half agrees with the
+    /// The proof has to hold with the correlation of groups that was told, and with the largest that is hardly less likely
+    /// than the likeliest: the larger p-value counts. With too small a correlation a form that follows the wandering in one half agrees with the
     /// other. With too large a one the other half's errors, which the form was fitted to, come in with the opposite sign.
     pub fn prove(&self, predicted: &[f64], columns: &[Vec<f64>], seed: u64) -> Proof {
         let weights = [&self.search, &self.judge].map(|half| half.weights(&half.cut(columns)));
         let told = self.whole.data.wander;
         let proof = self.prove_under(&weights, told, predicted, seed);
-        let likeliest = self.likeliest_wander(columns);
-        if likeliest <= told {
+        let possible = self.possible_wander(columns);
+        if possible <= told {
             return proof;
         }
-        let under = self.prove_under(&weights, likeliest, predicted, seed);
+        let under = self.prove_under(&weights, possible, predicted, seed);
         Proof { p_value: proof.p_value.max(under.p_value), ..proof }
     }
 
@@ -255,15 +255,16 @@ impl Halves {
         group_levels(data)
     }
 
-    /// The likeliest correlation of groups that follow each other, beside a form of these columns.
-    fn likeliest_wander(&self, columns: &[Vec<f64>]) -> f64 {
+    /// The largest correlation of groups that follow each other that is hardly less likely than the likeliest, beside a form
+    /// of these columns.
+    fn possible_wander(&self, columns: &[Vec<f64>]) -> f64 {
         let Rows { data, base, .. } = &self.whole;
         if !data.jitters {
             return 0.0;
         }
         let all: Vec<Vec<f64>> = base.iter().chain(columns).cloned().collect();
         let fit = robust_fit(data, &all);
-        likeliest(data, &fit.residual, &fit.weights)
+        possible(data, &fit.residual, &fit.weights)
     }
 
     /// A column over all rows as the judging half sees it: whitened, and without what the other half's levels predict where

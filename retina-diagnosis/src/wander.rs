@@ -44,10 +44,10 @@ pub(crate) fn correlation(data: &Dataset, residual: &[f64], weights: &Weights) -
     neighbours.map_or(0.0, |neighbours| TRIED[neighbours.found.largest()])
 }
 
-/// The likeliest correlation, whether it could be told from none or not: for tests that must not take a wandering of a few
-/// dozen groups for an effect.
-pub(crate) fn likeliest(data: &Dataset, residual: &[f64], weights: &Weights) -> f64 {
-    Neighbours::of(data, residual, weights).map_or(0.0, |neighbours| neighbours.likeliest())
+/// The largest correlation that is hardly less likely than the likeliest, whether it could be told from none or not: for
+/// tests that must not take a wandering of a few dozen groups for an effect.
+pub(crate) fn possible(data: &Dataset, residual: &[f64], weights: &Weights) -> f64 {
+    Neighbours::of(data, residual, weights).map_or(0.0, |neighbours| TRIED[neighbours.found.largest()])
 }
 
 /// How levels of groups that follow each other agree.
@@ -119,10 +119,6 @@ impl Neighbours {
             .filter(|drawn| drawn.ratio() >= found)
             .count();
         found > 0.0 && (1 + beyond) as f64 <= LEVEL * (1 + SIMULATIONS) as f64
-    }
-
-    fn likeliest(&self) -> f64 {
-        TRIED[self.found.best()]
     }
 }
 
@@ -311,7 +307,7 @@ mod tests {
                 let mut random = ChaCha8Rng::seed_from_u64(seed);
                 let drawn: Vec<Vec<f64>> = (0..2).map(|_| autoregression(&mut random, groups, rho)).collect();
                 neighbours.found = neighbours.look.likelihoods(&drawn).unwrap();
-                sum += neighbours.likeliest() / 100.0;
+                sum += TRIED[neighbours.found.best()] / 100.0;
                 told += usize::from(neighbours.follow());
             }
             println!("{rho}: {sum:.2}, told {told}");

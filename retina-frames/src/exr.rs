@@ -11,7 +11,11 @@ use retina_radiometry::{Lambert, PhaseFunction, Photometry};
 
 use crate::grid::Grid;
 use crate::layers::{Layers, Ratios, angles};
+use crate::measured::largest_patch_above;
 use crate::window::{Pose, Window};
+
+/// Share of the brightest light above which a pixel without a mask belongs to the body.
+const FAINTEST: f32 = 0.01;
 
 /// An EXR with what its pixels are.
 pub(crate) struct ExrOrigin {
@@ -88,9 +92,16 @@ impl ExrOrigin {
         self.pinhole.pixel(sight)
     }
 
-    /// Its patch of light in the camera's pixels: middle and half of its box's diagonal.
+    /// The body in the camera's pixels, by its mask, or where there is none its patch of light down to the faintest parts:
+    /// middle and half of its box's longer side.
     pub(crate) fn outline(&self, camera: &Pinhole) -> Option<(DVec2, f64)> {
-        let patch = crate::measured::largest_patch(&self.light)?;
+        let patch = match &self.mask {
+            Some(mask) => largest_patch_above(mask, 0.0)?,
+            None => largest_patch_above(
+                &self.light,
+                FAINTEST * self.light.values.iter().copied().fold(0.0, f32::max),
+            )?,
+        };
         let [left, top, right, bottom] = patch.bounds;
         let scale = camera.fx_px / self.pinhole.fx_px;
         let middle = self.pinhole.line_of_sight(DVec2::new(0.5 * (left + right), 0.5 * (top + bottom)));

@@ -150,7 +150,12 @@ pub(crate) fn largest_patch(grid: &Grid) -> Option<Patch> {
     if bright <= dark {
         return None;
     }
-    let threshold = dark + LEVEL * (bright - dark);
+    largest_patch_above(grid, dark + LEVEL * (bright - dark))
+}
+
+/// The largest connected patch of cells above a threshold.
+pub(crate) fn largest_patch_above(grid: &Grid, threshold: f32) -> Option<Patch> {
+    let count = grid.values.len();
     let mut seen: Vec<bool> = grid.values.iter().map(|v| *v <= threshold).collect();
     let mut best: Option<(usize, Patch)> = None;
     for start in 0..count {

@@ -1,6 +1,7 @@
 //! Images made by known chains, explained: names and amplitudes come from the generator in `common`.
 
-use crate::common::{BALL, Ball, Case, Chain, PLAIN, lommel_seeliger, parameter};
+use crate::common::{BALL, Ball, Case, Chain, PLAIN, WIDTH, lommel_seeliger, parameter, photograph};
+use retina_batch::{read_exr, write_exr};
 use retina_diagnosis::{Verdict, fit};
 
 /// Pure noise under the right model: at most one of twenty is not adequate (level 3 %: two or more have a chance of
@@ -85,6 +86,46 @@ fn shift_is_registered_or_named() {
     let small = Chain { shift_px: [0.3, -0.2], roll_rad: 0.0, offset_dn: 0.5, ..PLAIN };
     let found = Case::new(&[(BALL, small)], 3).diagnose(false);
     assert_eq!(found.accepted.first(), Some(&"image_shift"), "{:?}", found.accepted);
+}
+
+/// A glow at the image's corner is a larger patch of light than the body. The body is where the table has it all the same.
+#[test]
+fn a_glow_is_not_taken_for_the_body() {
+    let case = Case::new(&[(BALL, PLAIN)], 3);
+    let mut image = photograph(&BALL, &PLAIN, 3);
+    for (at, value) in image.values.iter_mut().enumerate() {
+        let off = [(at % WIDTH) as f64 - 120.0, (at / WIDTH) as f64 - 8.0].map(|d| d / 25.0);
+        *value = (*value + (3500.0 / (1.0 + off[0] * off[0] + off[1] * off[1])) as f32).min(4000.0);
+    }
+    image.write_png(&case.path("0.png")).unwrap();
+    let data = case.read(true).unwrap().dataset(false).unwrap();
+    let note = data.notes.iter().find(|note| note.contains("is seen at")).unwrap();
+    let shift_px: f64 = note.split("shift_x_px ").nth(1).unwrap().split(',').next().unwrap().parse().unwrap();
+    assert!((shift_px - PLAIN.shift_px[0]).abs() < 1.0, "{note}");
+}
+
+/// A body is looked at as a whole, its dark parts too: half of this one has a twentieth of the other half's light.
+#[test]
+fn dark_parts_belong_to_the_body() {
+    for masked in [true, false] {
+        let case = Case::new(&[(BALL, PLAIN)], 3);
+        let (mut image, metadata) = read_exr(&case.path("0.exr")).unwrap();
+        let dark = |at: usize| if (at % WIDTH) as f64 > BALL.centre_px[0] { 1.0 } else { 0.05 };
+        image.channels.retain(|(name, _)| masked || name == "IF");
+        for (name, values) in &mut image.channels {
+            if name == "IF" {
+                values.iter_mut().enumerate().for_each(|(at, value)| *value *= dark(at));
+            }
+        }
+        std::fs::write(case.path("0.exr"), write_exr(image, &metadata.unwrap_or_default()).unwrap()).unwrap();
+        let mut seen = photograph(&BALL, &PLAIN, 3);
+        seen.values.iter_mut().enumerate().for_each(|(at, value)| *value *= dark(at) as f32);
+        seen.write_png(&case.path("0.png")).unwrap();
+        let data = case.read(true).unwrap().dataset(false).unwrap();
+        let columns = &data.covariate("camera_x_px").unwrap().values;
+        let first = columns.iter().copied().fold(f64::INFINITY, f64::min);
+        assert!(first < BALL.centre_px[0] - BALL.radius_px, "{masked}: {first}");
+    }
 }
 
 /// 3 % of the light mirrored at the axis: the generator's own share.
