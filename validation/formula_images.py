@@ -1,6 +1,6 @@
 """Formulas of images: an error of pixels that no known effect explains, written here from its physics.
 
-A set has three images of a textured ball, drawn here in numpy at three phase angles: the prediction without the error
+A set has two images of a textured ball, drawn here in numpy at two phase angles: the prediction without the error
 (EXR, with its angles), and the measured counts with it. `retina investigate` is asked for a formula. Its columns are
 compared with those of the truth, and what the whole model adds to each pixel with what the truth adds there.
 
@@ -23,7 +23,7 @@ import OpenEXR
 from PIL import Image
 
 STRENGTHS = [0.3, 1.0, 3.0, 10.0]
-WIDTH, HEIGHT, RADIUS, FINE = 112, 96, 30.0, 4
+WIDTH, HEIGHT, RADIUS, FINE = 80, 72, 21.0, 4
 FULL_DN, READ_DN, ELECTRONS_PER_DN, LARGEST_DN = 2600.0, 2.0, 20.0, 500.0
 SETUP = f"""schema = "retina.setup/1"
 name = "formula-images"
@@ -49,7 +49,7 @@ class Ball:
     """An image: light and angles at the pixels, their own rows and columns from -1 to 1."""
 
     def __init__(self, random, texture, phase):
-        centre = np.array([WIDTH / 2, HEIGHT / 2]) + random.uniform(-8, 8, 2)
+        centre = np.array([WIDTH / 2, HEIGHT / 2]) + random.uniform(-5, 5, 2)
         y, x = np.mgrid[0 : HEIGHT * FINE, 0 : WIDTH * FINE]
         px, py = ((x + 0.5) / FINE - centre[0]) / RADIUS, ((y + 0.5) / FINE - centre[1]) / RADIUS
         r2 = px**2 + py**2
@@ -148,7 +148,7 @@ def beside(balls, values):
 def write(folder, seed, law, strength, blurred):
     random = np.random.default_rng(seed)
     texture = [(random.normal(), random.normal(0, 6, 3), random.uniform(0, 6.28)) for _ in range(12)]
-    balls = [Ball(random, texture, np.radians(random.uniform(*limits))) for limits in ((5, 25), (35, 55), (65, 85))]
+    balls = [Ball(random, texture, np.radians(random.uniform(*limits))) for limits in ((10, 30), (45, 70))]
     top = max(ball.light.max() for ball in balls)
     numbers = random.random(6)
     fields = [law(ball, numbers, ball.light / top) if law else 0 * ball.light for ball in balls]

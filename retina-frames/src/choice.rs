@@ -18,8 +18,8 @@ const BETTER: f64 = 1e-3;
 /// Forms are changed at most this often beside one set of parts.
 const TURNS: usize = 6;
 
-/// States on the way to a prediction.
-pub(crate) struct Kept(Vec<(String, State)>);
+/// States on the way to a prediction: what [`FrameSet::keep`] has kept.
+pub struct Kept(Vec<(String, State)>);
 
 /// A state with what its forms are judged by.
 struct Judged {
@@ -68,11 +68,12 @@ impl FrameSet {
     }
 
     /// What [`FrameSet::restore`] goes back to.
-    pub(crate) fn keep(&self) -> Kept {
+    pub fn keep(&self) -> Kept {
         Kept(self.history.clone())
     }
 
-    pub(crate) fn restore(&mut self, kept: Kept) {
+    /// Goes back to what was kept.
+    pub fn restore(&mut self, kept: Kept) {
         self.history = kept.0;
         if let Some((_, state)) = self.history.last() {
             self.state = state.clone();
@@ -80,7 +81,7 @@ impl FrameSet {
     }
 
     /// Takes an effect out of the prediction and of all states on the way to it, each fitted anew.
-    pub(crate) fn remove(&mut self, id: &str) {
+    pub fn remove(&mut self, id: &str) {
         let without = |state: &State| {
             let parts = state.parts.iter().filter(|part| part.id.name() != id).cloned().collect();
             State { parts, ..state.clone() }

@@ -29,6 +29,7 @@ mod stages;
 mod told;
 mod window;
 
+pub use choice::Kept;
 pub use diagnose::diagnose_frames;
 pub use picture::PICTURES_CAPTION;
 pub use set::{FrameSet, FramesSource};

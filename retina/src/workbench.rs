@@ -328,7 +328,9 @@ fn twice(name: &str) -> InputError {
 }
 
 /// Formulas of what the best prediction of images leaves. Known effects of images change the prediction, which is made
-/// anew with each: so they are found first, and the set keeps them. `effects` belong to the model already.
+/// anew with each: so they are found first, and the set keeps them. But beside something unknown a diagnosis takes known
+/// effects for it. So where formulas are found that are not weak beside the known effects, formulas are looked for without
+/// these, too. They stand alone if they predict tiles left out as well. `effects` belong to the model already.
 ///
 /// # Errors
 /// An effect that these frames cannot show, too few tiles.
@@ -342,6 +344,19 @@ pub fn investigate_frames(
     let diagnose = DiagnoseOptions { seed: options.seed, ..DiagnoseOptions::default() };
     let (data, added, found) = diagnose_frames(set, effects, &diagnose)?;
     let mut result = investigate(&data, &added, options, progress)?;
+    if !found.accepted.is_empty() && result.terms.iter().any(|term| term.weak_beside.is_none()) {
+        let kept = set.keep();
+        found.accepted.iter().for_each(|name| set.remove(name));
+        let bare = set.dataset(true)?;
+        let alone = investigate(&bare, &added[..effects.len()], options, progress)?;
+        if alone.fit.heldout_rms <= AS_WELL * result.fit.heldout_rms {
+            return Ok((bare, alone));
+        }
+        set.restore(kept);
+    }
     result.known = found.accepted.into_iter().map(KnownEffect::catalogued).collect();
     Ok((data, result))
 }
+
+/// Errors of tiles left out that differ by less than this factor say nothing: what an effect has to lower them by.
+const AS_WELL: f64 = 1.002;
