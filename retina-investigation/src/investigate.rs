@@ -43,6 +43,8 @@ const FLOOR: f64 = 0.025;
 const MOST_KNOWN: usize = 4;
 /// Share of a formula's square that a catalogued effect has to hold to be called the same.
 const ALIKE: f64 = 0.9;
+/// Share of which it is the same, whatever else can be told: the rest is what its form has of another shape.
+const SURELY: f64 = 0.99;
 /// A fit in which an amplitude grows by more than this has run along a valley: two formulas nearly cancel there.
 const MOST_GROWTH: f64 = 5.0;
 
@@ -286,8 +288,10 @@ impl Rounds<'_> {
         };
         let known = alike
             .iter()
-            .map(|(name, _)| *name)
-            .find(|name| new(name) && same(&left, name, &scored[best], &errors[best]));
+            .find(|(name, share)| {
+                new(name) && (*share >= SURELY || same(&left, name, &scored[best], &errors[best]))
+            })
+            .map(|(name, _)| *name);
         if let Some(effect) = known {
             let name = format!("formula_of_{effect}");
             let held = vec![true; own.shapes()];
