@@ -209,11 +209,11 @@ def error_of(options, folder, told, balls, counts, fields):
 
 
 def judge(options, folder, told, law, balls, counts, fields):
+    strong = [name for term in told["terms"] if not term["weak_beside"] for name in term["covariates"]]
     if law is None:
-        return ("found" if told["terms"] else "nothing"), None
+        return ("found" if strong else "a weak formula" if told["terms"] else "nothing"), None
     if not told["terms"] and not told["known"]:
         return "nothing", None
-    strong = [name for term in told["terms"] if not term["weak_beside"] for name in term["covariates"]]
     for name in told["known"]:
         known = subprocess.run([options.retina, "effects", name, "--json"], capture_output=True, text=True, check=True)
         strong += json.loads(known.stdout)["effects"][0]["covariates"]
@@ -229,7 +229,7 @@ def main():
     parser.add_argument("--out", type=pathlib.Path, required=True)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--sets", type=int, default=1, help="of each law and strength")
-    parser.add_argument("--nulls", type=int, default=20, help="sets without a formula; every second is blurred")
+    parser.add_argument("--nulls", type=int, default=20, help="sets without a formula; every second is blurred, which is a known effect")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     plan = [(law, strength) for law in LAWS for strength in STRENGTHS for _ in range(options.sets)]
