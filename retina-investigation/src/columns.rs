@@ -137,9 +137,11 @@ pub(crate) struct Table {
 /// Laws of columns over the rows that were evaluated once: a search asks for the same ones in many forms.
 #[derive(Default)]
 struct Laws {
-    known: RwLock<HashMap<(usize, Law, [u64; 2]), Arc<LawValues>>>,
+    known: RwLock<HashMap<LawKey, Arc<LawValues>>>,
 }
 
+/// Column, law, and the bits of its shape.
+type LawKey = (usize, Law, [u64; 2]);
 /// A law over the rows: one column, of a periodic law two.
 pub(crate) type LawValues = Vec<Vec<f64>>;
 

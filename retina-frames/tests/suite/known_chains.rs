@@ -119,7 +119,7 @@ fn dark_parts_belong_to_the_body() {
         }
         std::fs::write(case.path("0.exr"), write_exr(image, &metadata.unwrap_or_default()).unwrap()).unwrap();
         let mut seen = photograph(&BALL, &PLAIN, 3);
-        seen.values.iter_mut().enumerate().for_each(|(at, value)| *value *= dark(at) as f32);
+        seen.values.iter_mut().enumerate().for_each(|(at, value)| *value *= dark(at));
         seen.write_png(&case.path("0.png")).unwrap();
         let data = case.read(true).unwrap().dataset(false).unwrap();
         let columns = &data.covariate("camera_x_px").unwrap().values;
