@@ -169,8 +169,9 @@ impl Halves {
     /// `columns` are those it was fitted with, for the weights.
     ///
     /// The proof has to hold with the correlation of groups that was told, and with the largest that is hardly less likely
-    /// than the likeliest: the larger p-value counts. With too small a correlation a form that follows the wandering in one half agrees with the
-    /// other. With too large a one the other half's errors, which the form was fitted to, come in with the opposite sign.
+    /// than the likeliest: the larger p-value counts. With too small a correlation a form that follows the wandering in one
+    /// half agrees with the other. With too large a one the other half's errors, which the form was fitted to, come in with
+    /// the opposite sign.
     pub fn prove(&self, predicted: &[f64], columns: &[Vec<f64>], seed: u64) -> Proof {
         let weights = [&self.search, &self.judge].map(|half| half.weights(&half.cut(columns)));
         let told = self.whole.data.wander;
