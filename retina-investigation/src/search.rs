@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use retina_diagnosis::{Halves, LeftOut, Part, Remainder};
 use retina_formats::TableKind;
 
-use crate::columns::{Column, Content, Table};
+use crate::columns::{Column, Content, PIXEL, Table};
 use crate::direction::Direction;
 use crate::form::{Factor, Family, Form};
 use crate::law::{Law, Move};
@@ -81,9 +81,7 @@ impl Search<'_> {
             let mut promising = leading(&best, REFINED);
             if generation == 0 {
                 // A confined or wavy field scores little until it is where the data want it.
-                promising.extend(
-                    Direction::shaped(self.kind).iter().filter_map(|d| best.get(&(*d, Vec::new())).cloned()),
-                );
+                promising.extend(self.shaped().iter().filter_map(|d| best.get(&(*d, Vec::new())).cloned()));
             }
             for scored in self.refined(&left, promising) {
                 keep(&mut best, scored);
@@ -124,7 +122,7 @@ impl Search<'_> {
         if points {
             out.extend(Direction::PLAIN.into_iter().flat_map(|d| without_laws(d, d.starts())));
         }
-        out.extend(Direction::shaped(self.kind).iter().flat_map(|d| without_laws(*d, d.close_starts())));
+        out.extend(self.shaped().iter().flat_map(|d| without_laws(*d, d.close_starts())));
         for &direction in directions {
             for factor in self.factors() {
                 out.push(Form { direction, place: Vec::new(), factors: vec![factor] });
@@ -137,6 +135,15 @@ impl Search<'_> {
         }
         out.retain(|form| self.possible(form));
         out
+    }
+
+    /// Directions that are confined or wavy; those of images need the pixels' places.
+    fn shaped(&self) -> &'static [Direction] {
+        let placed = |name: &&str| self.columns.iter().any(|column| column.name == **name);
+        match self.kind == TableKind::Frames && !PIXEL.iter().all(|name| placed(&name)) {
+            true => &[],
+            false => Direction::shaped(self.kind),
+        }
     }
 
     /// Every law of every column at each shape that a search begins at.
@@ -181,7 +188,8 @@ impl Search<'_> {
             (0..self.columns.len()).filter(|&k| self.columns[k].content != Content::Lagged).collect();
         let bins: Vec<Vec<usize>> = columns.iter().map(|&column| self.bins(column)).collect();
         let charge = left.components().ln();
-        let mut all: Vec<(f64, usize, Form)> = Direction::shaped(self.kind)
+        let mut all: Vec<(f64, usize, Form)> = self
+            .shaped()
             .iter()
             .flat_map(|d| without_laws(*d, d.starts()))
             .collect::<Vec<_>>()
@@ -237,7 +245,7 @@ impl Search<'_> {
             out.push(Form { direction, place: Vec::new(), factors: form.factors.clone() });
         }
         if !form.factors.is_empty() {
-            for &direction in Direction::shaped(self.kind) {
+            for &direction in self.shaped() {
                 let of = |place| Form { direction, place, factors: form.factors.clone() };
                 out.extend(direction.starts().into_iter().map(of));
             }

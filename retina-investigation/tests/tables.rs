@@ -322,6 +322,15 @@ fn a_glow_of_the_detector_is_one_formula_of_the_place() {
     assert!(off(&fitted.own_effects_on(&model, &data)) < 0.2 * size, "{}", term.effect);
 }
 
+/// Pixels whose places are not told have formulas of what is told, and none of a place.
+#[test]
+fn pixels_without_places_have_formulas_of_other_columns() {
+    let mut data = pixels(&|_, level| 6.0 * (-level / 30.0).exp(), 9);
+    data.covariates.retain(|column| column.name == "level_dn");
+    let found = asked(&data);
+    assert_eq!(found.terms[0].covariates, ["level_dn"], "{}", found.terms[0].effect);
+}
+
 #[test]
 fn a_hidden_formula_of_pixels_is_found() {
     // A glow at one side that a black level cuts off: light of place and count.
