@@ -139,8 +139,8 @@ impl Search<'_> {
 
     /// Directions that are confined or wavy; those of images need the pixels' places.
     fn shaped(&self) -> &'static [Direction] {
-        let placed = |name: &&str| self.columns.iter().any(|column| column.name == **name);
-        match self.kind == TableKind::Frames && !PIXEL.iter().all(|name| placed(&name)) {
+        let placed = PIXEL.iter().all(|&name| self.columns.iter().any(|column| column.name == name));
+        match self.kind == TableKind::Frames && !placed {
             true => &[],
             false => Direction::shaped(self.kind),
         }
