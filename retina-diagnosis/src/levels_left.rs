@@ -10,15 +10,30 @@ use faer::{Mat, MatRef};
 use glam::DVec2;
 
 use crate::level::Level;
-use crate::score::{Frame, Score};
+use crate::linear::dot;
+use crate::score::Frame;
 
-/// What a form gains.
-pub(crate) struct Gain {
-    /// Twice the logarithm of the likelihood ratio.
-    pub(crate) gain: f64,
+/// A form's score beside a model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FormScore {
+    /// By how much it lowers the sum of whitened squares.
+    pub statistic: f64,
+    /// The same, with the scatter of groups anew: twice the logarithm of the likelihood ratio.
+    pub gain: f64,
     /// Number of values that tell its amplitudes: n of the levels, N of all rows, and n^s N^(1 - s) where the levels have a
     /// share s of the form's squares.
-    pub(crate) values: f64,
+    pub values: f64,
+    /// Amplitudes of its columns; 0 of those that the model, or the columns before them, have already.
+    pub amplitudes: Vec<f64>,
+    /// Number of the others.
+    pub rank: usize,
+}
+
+impl FormScore {
+    /// What it takes off the squares less what its amplitudes cost, by the Bayesian information criterion.
+    pub fn merit(&self) -> f64 {
+        self.gain - self.values.ln() * self.rank as f64
+    }
 }
 
 /// The levels of the groups as a model leaves them.
@@ -56,32 +71,48 @@ impl LevelsLeft {
         }
     }
 
-    /// The gain of whitened columns beside the base, those of them that are kept, with L^-1 of their products L L^T, and their
-    /// score.
-    pub(crate) fn gain(
+    /// The score of whitened columns beside the base, those of them that are kept, with L^-1 of their products L L^T.
+    pub(crate) fn score(
         &self,
         frame: &Frame<'_>,
         columns: MatRef<'_, f64>,
         kept: &[usize],
         inverse: &Mat<f64>,
-        score: &Score,
-    ) -> Gain {
-        let mut explained = vec![0.0; frame.error.len()];
+    ) -> FormScore {
+        let values = |column: usize| {
+            columns.col(column).try_as_col_major().map_or(&[][..], |column| column.as_slice())
+        };
+        let products: Vec<f64> = kept.iter().map(|&column| dot(values(column), &frame.error)).collect();
+        let along: Vec<f64> =
+            (0..kept.len()).map(|i| (0..=i).map(|k| inverse[(i, k)] * products[k]).sum()).collect();
+        let statistic: f64 = along.iter().map(|along| along * along).sum();
+        let mut amplitudes = vec![0.0; columns.ncols()];
         for (k, &column) in kept.iter().enumerate() {
-            let amplitude: f64 = (k..kept.len()).map(|i| inverse[(i, k)] * score.along[i]).sum();
-            let column = columns.col(column).try_as_col_major().map_or(&[][..], |c| c.as_slice());
-            explained.iter_mut().zip(column).for_each(|(sum, value)| *sum += amplitude * value);
+            amplitudes[column] = (k..kept.len()).map(|i| inverse[(i, k)] * along[i]).sum();
         }
         let (mut of_levels, mut left) = (0.0, 0.0);
-        for (level, error) in &self.levels {
-            let own = level.of(frame.data, &frame.weights, &explained);
-            of_levels += own.length_squared();
-            left += (*error - own).length_squared();
+        if !self.levels.is_empty() {
+            let mut explained = vec![0.0; frame.error.len()];
+            for &column in kept {
+                let amplitude = amplitudes[column];
+                explained.iter_mut().zip(values(column)).for_each(|(sum, value)| *sum += amplitude * value);
+            }
+            for (level, error) in &self.levels {
+                let own = level.of(frame.data, &frame.weights, &explained);
+                of_levels += own.length_squared();
+                left += (*error - own).length_squared();
+            }
         }
         // What is explained is orthogonal to what is left, so its square is the score.
-        let share = (of_levels / score.statistic.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let share = (of_levels / statistic.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let values = share * self.count.max(2.0).ln() + (1.0 - share) * frame.components().max(2.0).ln();
-        Gain { gain: self.of_levels(left) + score.statistic - (self.square - left), values: values.exp() }
+        FormScore {
+            statistic,
+            amplitudes,
+            rank: kept.len(),
+            gain: self.of_levels(left) + statistic - (self.square - left),
+            values: values.exp(),
+        }
     }
 
     /// The gain of what is left of the squares of the levels.

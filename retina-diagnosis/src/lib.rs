@@ -85,6 +85,7 @@ pub use formula::unit_of_column;
 pub use headline::headline;
 pub use json::{compare_json, diagnose_json, effects_json, fit_json};
 pub use kept::{KeptEffect, KeptFormula, diagnose_with_kept, kept_effects};
+pub use levels_left::FormScore;
 pub use model_file::write_model;
 pub use next::NextMeasurement;
 pub use output::{compare_text, diagnose_text, effects_text, fit_text, predictions_text, write_predictions};
@@ -92,7 +93,7 @@ pub use own::{OwnEffect, OwnParameter, difference_step};
 pub use parts::{Halves, Part, Proof, TooFew};
 pub use physical::Physical;
 pub use pixel_noise::{Neighbours, White, white_noise};
-pub use remainder::{FormScore, LeftOut, Remainder};
+pub use remainder::{LeftOut, Remainder};
 pub use report::{
     Shape, compare_page, diagnose_page, effects_page, fit_page, followed_svg, signature_svgs,
     unexplained_shapes,

@@ -4,31 +4,9 @@ use rayon::prelude::*;
 
 use crate::catalogue::{Effect, Variant, effects};
 use crate::data::{Dataset, Term};
-use crate::levels_left::Gain;
+use crate::levels_left::FormScore;
 use crate::linear::{dot, least_squares};
-use crate::score::{Frame, Score};
-
-/// A form's score beside a model.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FormScore {
-    /// By how much it lowers the sum of whitened squares.
-    pub statistic: f64,
-    /// The same, with the scatter of groups anew (`levels_left.rs`): twice the logarithm of the likelihood ratio.
-    pub gain: f64,
-    /// Number of values that tell its amplitudes: levels of groups, or components of rows, or between the two.
-    pub values: f64,
-    /// Columns that the model does not have already.
-    pub rank: usize,
-    /// Rms of what it explains over that of the noise.
-    pub strength: f64,
-}
-
-impl FormScore {
-    /// What it takes off the squares less what its amplitudes cost, by the Bayesian information criterion.
-    pub fn merit(&self) -> f64 {
-        self.gain - self.values.ln() * self.rank as f64
-    }
-}
+use crate::score::Frame;
 
 /// What a model leaves on some rows: forms are scored beside it.
 pub struct Remainder<'a> {
@@ -65,15 +43,7 @@ impl<'a> Remainder<'a> {
 
     /// Scores of forms, each some columns over all components of the rows.
     pub fn scores(&self, forms: &[Vec<Vec<f64>>]) -> Vec<FormScore> {
-        let components = self.frame.components();
-        let of = |(score, gain): (Score, Gain)| FormScore {
-            statistic: score.statistic,
-            gain: gain.gain,
-            values: gain.values,
-            rank: score.rank(),
-            strength: score.strength(components),
-        };
-        self.frame.scores_and_gains(forms).into_iter().map(of).collect()
+        self.frame.form_scores(forms)
     }
 
     /// Amplitudes of columns beside the model, with standard deviations; infinite where they depend on each other.
@@ -128,9 +98,9 @@ impl<'a> Remainder<'a> {
         let mut forms = forms_of(effect, data)?;
         let columns = |terms: &[Term<'_>]| terms.iter().map(|term| data.column(term)).collect();
         forms.extend(effect.build(data).ok()?.iter().map(|variant| columns(&variant.leading)));
-        let scores = self.scores(&forms);
+        let mut scores = self.scores(&forms);
         let best = (0..forms.len()).max_by(|&a, &b| scores[a].merit().total_cmp(&scores[b].merit()))?;
-        Some((scores[best], self.left_out(&forms[best])))
+        Some((scores.swap_remove(best), self.left_out(&forms[best])))
     }
 
     /// Number of components that count.

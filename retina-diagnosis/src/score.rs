@@ -18,7 +18,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::data::Dataset;
-use crate::levels_left::{Gain, LevelsLeft};
+use crate::levels_left::{FormScore, LevelsLeft};
 use crate::linear::{Basis, cholesky, dot, independent, matrix, solve_positive};
 use crate::noise::{RobustFit, Weights, robust_fit};
 use crate::units::Units;
@@ -48,6 +48,8 @@ pub(crate) struct Frame<'d> {
     pub(crate) error: Vec<f64>,
     /// For each part that is left out: Gram matrix of the base over it, and products with the data.
     folds: OnceLock<Vec<Fold>>,
+    /// The levels of the groups as the base leaves them.
+    levels: OnceLock<LevelsLeft>,
 }
 
 struct Fold {
@@ -62,8 +64,6 @@ pub(crate) struct Score {
     /// Contributions along each of its orthonormal directions: a row for each range of a unit, then one for each part of the
     /// calibration's error of unit variance.
     pub(crate) contributions: Mat<f64>,
-    /// Whitened errors along each of those directions.
-    pub(crate) along: Vec<f64>,
     /// The score.
     pub(crate) statistic: f64,
     /// The score by what units' contributions scatter by about their common amplitudes, where that is more than the
@@ -139,7 +139,8 @@ impl<'d> Frame<'d> {
     fn of(data: &'d Dataset, weights: Weights, basis: Basis, y: Vec<f64>) -> Self {
         let error = basis.residual(basis.residual(y.clone()));
         let q = basis.side_by_side(y.len());
-        Self { data, weights, units: Units::of(data), basis, q, y, error, folds: OnceLock::new() }
+        let (units, folds, levels) = (Units::of(data), OnceLock::new(), OnceLock::new());
+        Self { data, weights, units, basis, q, y, error, folds, levels }
     }
 
     /// Components of the rows that count.
@@ -178,17 +179,10 @@ impl<'d> Frame<'d> {
         self.in_blocks(candidates, |c, kept, inverse| self.of_directions(c, kept, inverse))
     }
 
-    /// The same, with what each gains where the scatter of groups is found anew.
-    pub(crate) fn scores_and_gains<C: AsRef<[Vec<f64>]> + Sync>(
-        &self,
-        candidates: &[C],
-    ) -> Vec<(Score, Gain)> {
-        let levels = LevelsLeft::of(self);
-        self.in_blocks(candidates, |c, kept, inverse| {
-            let score = self.of_directions(c, kept, inverse);
-            let gain = levels.gain(self, c, kept, inverse, &score);
-            (score, gain)
-        })
+    /// What many candidates gain where the scatter of groups is found anew.
+    pub(crate) fn form_scores<C: AsRef<[Vec<f64>]> + Sync>(&self, candidates: &[C]) -> Vec<FormScore> {
+        let levels = self.levels.get_or_init(|| LevelsLeft::of(self));
+        self.in_blocks(candidates, |c, kept, inverse| levels.score(self, c, kept, inverse))
     }
 
     /// What is made of each candidate: its columns beside the base, those that are independent, and L^-1 of C~^T C~ = L L^T.
@@ -268,7 +262,7 @@ impl<'d> Frame<'d> {
         let statistic = along.iter().map(|along| along * along).sum();
         let dispersion = self.dispersion(c, kept, inverse, &along);
         let sober = along.iter().zip(dispersion).map(|(along, by)| along * along / by).sum();
-        Score { contributions, along, statistic, sober }
+        Score { contributions, statistic, sober }
     }
 
     /// Along each direction the units' scatter about the common amplitude over what the weights say, 1 or more.

@@ -17,54 +17,87 @@ pub const PICTURES_CAPTION: &str = "One row for each state, from the baseline on
     effects: map, relief, law, blur, glare, response. In the errors, purple is darker than predicted and orange is \
     brighter; white pixels do not count. The errors of all states share one scale.";
 
+/// What is predicted of an image, and measured less that: one value for each bin of its window.
+struct Shown {
+    label: String,
+    predicted: Vec<f64>,
+    error: Vec<f64>,
+}
+
 impl FrameSet {
     /// A figure as SVG: for each image a row a state (the baseline, then with each effect, or the best prediction where
     /// nothing was added), errors on one scale of
     /// colours (purple: measured is darker, orange: brighter). Pixels that do not count are white among the errors.
     pub fn pictures(&self) -> String {
-        let images = self.sights.len().min(MOST_IMAGES);
         // Beside a baseline alone stands what could be reached.
         let best = self.best.as_ref().filter(|_| self.history.len() == 1);
         let best = best.map(|state| ("best prediction", state));
         let states: Vec<(&str, &State)> =
             self.history.iter().map(|(label, state)| (label.as_str(), state)).chain(best).collect();
-        let mut figure = Figure::new("predicted, measured, left", images * states.len(), 3, [330.0, 300.0]);
-        for frame in 0..images {
-            for (step, &(label, state)) in states.iter().enumerate() {
-                let row = frame * states.len() + step;
-                let panels = self.panels(frame, label, state).into_iter().enumerate();
+        self.figure(|frame| states.iter().map(|(label, state)| self.of_state(frame, label, state)).collect())
+    }
+
+    /// The same for a model that was fitted to the pixels of [`FrameSet::dataset`], which begins at the present state:
+    /// `left_dn` is what it leaves of each.
+    pub fn pictures_of_fit(&self, label: &str, left_dn: &[f64]) -> String {
+        let states = &self.history;
+        self.figure(|frame| {
+            let of = |(label, state): &(String, State)| self.of_state(frame, label, state);
+            states.iter().map(of).chain([self.of_fit(frame, label, left_dn)]).collect()
+        })
+    }
+
+    fn figure(&self, states: impl Fn(usize) -> Vec<Shown>) -> String {
+        let all: Vec<Vec<Shown>> = (0..self.sights.len().min(MOST_IMAGES)).map(states).collect();
+        let rows = all.iter().map(Vec::len).sum();
+        let mut figure = Figure::new("predicted, measured, left", rows, 3, [330.0, 300.0]);
+        let mut row = 0;
+        for (frame, states) in all.iter().enumerate() {
+            // The baseline's errors set the scale of all, but for the largest hundredth.
+            let mut sizes: Vec<f64> =
+                states[0].error.iter().map(|e| e.abs()).filter(|e| e.is_finite()).collect();
+            sizes.sort_by(f64::total_cmp);
+            let most = sizes.get(sizes.len() * 99 / 100).copied().unwrap_or(1.0).max(1e-6);
+            for (step, shown) in states.iter().enumerate() {
+                let panels = self.panels(frame, shown, most).into_iter().enumerate();
                 // What was measured is the same beside every state.
                 for (column, panel) in panels.filter(|(column, _)| *column != MEASURED || step == 0) {
                     figure.put(row, column, panel);
                 }
+                row += 1;
             }
         }
         figure.to_svg()
     }
 
-    fn panels(&self, frame: usize, label: &str, state: &State) -> [Panel; 3] {
-        let sight = &self.sights[frame];
-        let of = |state: &State| sight.detected(frame, state, &sight.light(frame, state));
-        let (predicted, bins) = (of(state), &self.bins[frame]);
-        let errors: Vec<f64> = (0..predicted.len())
-            .map(|at| if bins.valid[at] { bins.values[at] - predicted[at] } else { f64::NAN })
-            .collect();
-        let mut sizes: Vec<f64> = {
-            let first = of(&self.history[0].1);
-            (0..first.len())
-                .filter(|&at| bins.valid[at])
-                .map(|at| (bins.values[at] - first[at]).abs())
-                .collect()
-        };
-        sizes.sort_by(f64::total_cmp);
-        // The baseline's errors set the scale of all, but for the largest hundredth.
-        let most = sizes.get(sizes.len() * 99 / 100).copied().unwrap_or(1.0).max(1e-6);
-        let brightest = bins.values.iter().copied().fold(1e-6, f64::max);
-        let name = &self.names[frame];
+    fn of_state(&self, frame: usize, label: &str, state: &State) -> Shown {
+        let (sight, bins) = (&self.sights[frame], &self.bins[frame]);
+        let predicted = sight.detected(frame, state, &sight.light(frame, state));
+        let error = |at: usize| if bins.valid[at] { bins.values[at] - predicted[at] } else { f64::NAN };
+        let error = (0..predicted.len()).map(error).collect();
+        Shown { label: label.to_owned(), predicted, error }
+    }
+
+    /// Where pixels do not count, the present state is drawn.
+    fn of_fit(&self, frame: usize, label: &str, left_dn: &[f64]) -> Shown {
+        let mut shown = self.of_state(frame, label, &self.state);
+        shown.error.fill(f64::NAN);
+        for (&(of, bin), left) in self.rows.bins.iter().zip(left_dn).filter(|((of, _), _)| *of == frame) {
+            shown.error[bin] = *left;
+            shown.predicted[bin] = self.bins[of].values[bin] - left;
+        }
+        shown
+    }
+
+    fn panels(&self, frame: usize, shown: &Shown, most: f64) -> [Panel; 3] {
+        let (name, label, measured) = (&self.names[frame], &shown.label, &self.bins[frame].values);
+        let brightest = measured.iter().copied().fold(1e-6, f64::max);
+        let grey =
+            |title: &str, values: &[f64]| self.panel(frame, title, values, [0.0, brightest], ColourMap::Grey);
         [
-            self.panel(frame, &format!("{label}: predicted"), &predicted, [0.0, brightest], ColourMap::Grey),
-            self.panel(frame, &format!("{name}: measured"), &bins.values, [0.0, brightest], ColourMap::Grey),
-            self.panel(frame, "measured - predicted", &errors, [-most, most], ColourMap::Diverging),
+            grey(&format!("{label}: predicted"), &shown.predicted),
+            grey(&format!("{name}: measured"), measured),
+            self.panel(frame, "measured - predicted", &shown.error, [-most, most], ColourMap::Diverging),
         ]
     }
 

@@ -1,11 +1,13 @@
 //! The columns that laws are functions of.
 
 use std::collections::HashMap;
-use std::sync::{Arc, RwLock};
+use std::hash::Hash;
+use std::sync::{Arc, PoisonError, RwLock};
 
 use retina_diagnosis::{Dataset, lag_name, unit_of_column};
 use retina_formats::TableKind;
 
+use crate::direction::Direction;
 use crate::form::Factor;
 use crate::law::Law;
 
@@ -131,22 +133,48 @@ pub(crate) struct Table {
     /// Turn of the camera in the facility's axes, rad.
     pub(crate) roll_rad: Vec<f64>,
     values: Vec<Vec<f64>>,
-    laws: Laws,
+    laws: Evaluated<LawKey>,
+    fields: Evaluated<FieldKey>,
 }
 
-/// Laws of columns over the rows that were evaluated once: a search asks for the same ones in many forms.
-#[derive(Default)]
-struct Laws {
-    known: RwLock<HashMap<LawKey, Arc<LawValues>>>,
-}
+/// What was evaluated over the rows once: a search asks for the same laws and fields in many forms.
+struct Evaluated<K>(RwLock<HashMap<K, Arc<Values>>>);
 
+/// Some columns over the rows.
+pub(crate) type Values = Vec<Vec<f64>>;
 /// Column, law, and the bits of its shape.
 type LawKey = (usize, Law, [u64; 2]);
-/// A law over the rows: one column, of a periodic law two.
-pub(crate) type LawValues = Vec<Vec<f64>>;
+/// Direction, and the bits of its shape.
+type FieldKey = (Direction, [u64; 4]);
 
-/// Numbers that are kept of all laws at most.
+/// Numbers that are kept of all laws, and of all fields, at most.
 const MOST_KEPT: usize = 24_000_000;
+
+impl<K> Default for Evaluated<K> {
+    fn default() -> Self {
+        Self(RwLock::default())
+    }
+}
+
+impl<K: Eq + Hash> Evaluated<K> {
+    fn get(&self, key: K, evaluate: impl FnOnce() -> Values) -> Arc<Values> {
+        if let Some(known) = self.0.read().unwrap_or_else(PoisonError::into_inner).get(&key) {
+            return Arc::clone(known);
+        }
+        let values = Arc::new(evaluate());
+        let size = values.iter().map(Vec::len).sum::<usize>();
+        let mut known = self.0.write().unwrap_or_else(PoisonError::into_inner);
+        if (known.len() + 1) * size <= MOST_KEPT {
+            known.insert(key, Arc::clone(&values));
+        }
+        values
+    }
+}
+
+/// The bits of shape parameters.
+fn bits<const N: usize>(shape: &[f64]) -> [u64; N] {
+    std::array::from_fn(|k| shape.get(k).map_or(0, |value| value.to_bits()))
+}
 
 /// The columns of a table that laws may be functions of. Light is F, the irradiance: its logarithm is a law.
 pub(crate) fn columns(data: &Dataset) -> Vec<Column> {
@@ -242,7 +270,8 @@ impl Table {
             x,
             y,
             roll_rad,
-            laws: Laws::default(),
+            laws: Evaluated::default(),
+            fields: Evaluated::default(),
             values: columns.iter().map(|column| data.readable(&column.name).unwrap_or_default()).collect(),
         }
     }
@@ -256,31 +285,38 @@ impl Table {
             x: of(&self.x),
             y: of(&self.y),
             roll_rad: of(&self.roll_rad),
-            laws: Laws::default(),
+            laws: Evaluated::default(),
+            fields: Evaluated::default(),
             values: self.values.iter().map(of).collect(),
         }
     }
 
     /// A law of a column over the rows. Where the column has no value the law is 0.
-    pub(crate) fn law(&self, factor: &Factor, column: &Column) -> Arc<LawValues> {
-        let shape = |k: usize| factor.shape.get(k).map_or(0, |value| value.to_bits());
-        let key = (factor.column, factor.law, [shape(0), shape(1)]);
-        let lock = std::sync::PoisonError::into_inner;
-        if let Some(known) = self.laws.known.read().unwrap_or_else(lock).get(&key) {
-            return Arc::clone(known);
-        }
-        let mut values = vec![vec![0.0; self.rows]; factor.law.width()];
-        for (row, &u) in self.values[factor.column].iter().enumerate().filter(|(_, u)| !u.is_nan()) {
-            let of_row = factor.law.value(u, &factor.shape, column);
-            values.iter_mut().zip(of_row).for_each(|(column, value)| column[row] = value);
-        }
-        let values = Arc::new(values);
-        let lock = std::sync::PoisonError::into_inner;
-        let mut known = self.laws.known.write().unwrap_or_else(lock);
-        if (known.len() + 1) * self.rows <= MOST_KEPT {
-            known.insert(key, Arc::clone(&values));
-        }
-        values
+    pub(crate) fn law(&self, factor: &Factor, column: &Column) -> Arc<Values> {
+        self.laws.get((factor.column, factor.law, bits(&factor.shape)), || {
+            let mut values = vec![vec![0.0; self.rows]; factor.law.width()];
+            for (row, &u) in self.values[factor.column].iter().enumerate().filter(|(_, u)| !u.is_nan()) {
+                let of_row = factor.law.value(u, &factor.shape, column);
+                values.iter_mut().zip(of_row).for_each(|(column, value)| column[row] = value);
+            }
+            values
+        })
+    }
+
+    /// A direction over all components of the rows, one column for each amplitude.
+    pub(crate) fn field(&self, direction: Direction, place: &[f64]) -> Arc<Values> {
+        self.fields.get((direction, bits(place)), || {
+            let n = self.components;
+            let mut values = vec![Vec::with_capacity(n * self.rows); direction.width()];
+            let mut vectors: Vec<[f64; 2]> = Vec::new();
+            for row in 0..self.rows {
+                direction.vectors(self, row, place, &mut vectors);
+                for (column, vector) in values.iter_mut().zip(&vectors) {
+                    column.extend_from_slice(&vector[..n]);
+                }
+            }
+            values
+        })
     }
 
     /// Values of a column over the rows.

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use retina_formats::TableKind;
 
-use crate::columns::{Column, PIXEL, Place, Table, rounded};
+use crate::columns::{Column, PIXEL, Place, Table, Values, rounded};
 use crate::direction::Direction;
 use crate::law::{Law, Move};
 use crate::rivals::sum;
@@ -24,28 +24,6 @@ pub(crate) struct Form {
     /// Shape parameters of the direction.
     pub(crate) place: Vec<f64>,
     pub(crate) factors: Vec<Factor>,
-}
-
-/// A direction over all components of the rows, one column for each amplitude.
-pub(crate) struct Field {
-    direction: Direction,
-    place: Vec<f64>,
-    values: Vec<Vec<f64>>,
-}
-
-impl Field {
-    fn of(direction: Direction, place: &[f64], table: &Table) -> Self {
-        let n = table.components;
-        let mut values = vec![Vec::with_capacity(n * table.rows); direction.width()];
-        let mut vectors: Vec<[f64; 2]> = Vec::new();
-        for row in 0..table.rows {
-            direction.vectors(table, row, place, &mut vectors);
-            for (column, vector) in values.iter_mut().zip(&vectors) {
-                column.extend_from_slice(&vector[..n]);
-            }
-        }
-        Self { direction, place: place.to_vec(), values }
-    }
 }
 
 /// What a form is apart from its shape parameters.
@@ -83,37 +61,34 @@ impl Form {
     }
 
     /// Its columns over all components of the rows, one for each amplitude.
-    pub(crate) fn evaluate(&self, table: &Table, columns: &[Column]) -> Vec<Vec<f64>> {
-        self.evaluate_after(table, columns, &mut None)
-    }
-
-    /// The same. `last` is the field of the form before it: one after the other many forms have the same one.
-    pub(crate) fn evaluate_after(
-        &self,
-        table: &Table,
-        columns: &[Column],
-        last: &mut Option<Field>,
-    ) -> Vec<Vec<f64>> {
+    pub(crate) fn evaluate(&self, table: &Table, columns: &[Column]) -> Values {
         let scalars = self.scalars(table, columns);
         if self.direction == Direction::Value {
             return scalars;
         }
-        let n = table.components;
-        let known =
-            last.take().filter(|field| field.direction == self.direction && field.place == self.place);
-        let field = last.insert(known.unwrap_or_else(|| Field::of(self.direction, &self.place, table)));
-        let times = |scalar: &Vec<f64>, of: &Vec<f64>| {
-            let rows = of.chunks_exact(n).zip(scalar);
-            rows.flat_map(|(row, scalar)| row.iter().map(move |component| scalar * component)).collect()
+        let field = table.field(self.direction, &self.place);
+        if self.factors.is_empty() {
+            return field.to_vec();
+        }
+        let times = |scalar: &[f64], of: &[f64]| -> Vec<f64> {
+            let mut out = of.to_vec();
+            match table.components {
+                1 => out.iter_mut().zip(scalar).for_each(|(value, scalar)| *value *= scalar),
+                n => out
+                    .chunks_exact_mut(n)
+                    .zip(scalar)
+                    .for_each(|(row, scalar)| row.iter_mut().for_each(|value| *value *= scalar)),
+            }
+            out
         };
         scalars
             .iter()
-            .flat_map(|scalar| field.values.iter().map(|of| times(scalar, of)).collect::<Vec<_>>())
+            .flat_map(|scalar| field.iter().map(|of| times(scalar, of)).collect::<Vec<_>>())
             .collect()
     }
 
     /// The products of its laws over the rows: one, and twice as many with each periodic law.
-    fn scalars(&self, table: &Table, columns: &[Column]) -> Vec<Vec<f64>> {
+    fn scalars(&self, table: &Table, columns: &[Column]) -> Values {
         let mut out = vec![vec![1.0; table.rows]];
         for factor in &self.factors {
             let laws = table.law(factor, &columns[factor.column]);

@@ -17,6 +17,7 @@ mod law;
 mod outcome;
 mod output;
 mod page;
+mod refine;
 mod rivals;
 mod search;
 mod words;

@@ -10,7 +10,7 @@ use retina_formats::TableKind;
 use crate::columns::{Column, Content, PIXEL, Table};
 use crate::direction::Direction;
 use crate::form::{Factor, Family, Form};
-use crate::law::{Law, Move};
+use crate::law::Law;
 
 /// Families that are varied in a generation.
 const BEAM: usize = 8;
@@ -22,10 +22,6 @@ const GENERATIONS: usize = 3;
 const MOST_LAWS: usize = 2;
 /// Most amplitudes of a form.
 const MOST_AMPLITUDES: usize = 8;
-/// Halvings of a refinement's moves.
-const HALVINGS: usize = 6;
-/// Turns of a refinement at most.
-const TURNS: usize = 60;
 /// Parts of a column in which a direction has amplitudes of its own.
 const BINS: usize = 6;
 /// Directions with a column that changes them whose laws are tried.
@@ -39,6 +35,7 @@ pub(crate) struct Scored {
     pub(crate) form: Form,
     /// What it takes off the sum of squares, less what as many columns and shapes take off noise.
     pub(crate) merit: f64,
+    pub(crate) amplitudes: Vec<f64>,
 }
 
 /// What was found: families with their best shapes, best first.
@@ -286,7 +283,7 @@ impl Search<'_> {
         form.width() <= MOST_AMPLITUDES && turns && !nothing && !twice && form.allowed(self.columns)
     }
 
-    fn scored(&self, left: &Remainder<'_>, forms: Vec<Form>) -> Vec<Scored> {
+    pub(crate) fn scored(&self, left: &Remainder<'_>, forms: Vec<Form>) -> Vec<Scored> {
         self.tried.fetch_add(forms.len(), Ordering::Relaxed);
         // Of as many laws the best takes off as much by chance.
         let choices: usize = (0..self.columns.len()).map(|column| self.factors_of(column).len()).sum();
@@ -294,11 +291,8 @@ impl Search<'_> {
         forms
             .par_chunks(BATCH)
             .flat_map_iter(|batch| {
-                let mut last = None;
-                let columns: Vec<Vec<Vec<f64>>> = batch
-                    .iter()
-                    .map(|form| finite(form.evaluate_after(self.table, self.columns, &mut last)))
-                    .collect();
+                let columns: Vec<Vec<Vec<f64>>> =
+                    batch.iter().map(|form| finite(form.evaluate(self.table, self.columns))).collect();
                 let scores = left.scores(&columns);
                 batch
                     .iter()
@@ -309,6 +303,7 @@ impl Search<'_> {
                         merit: score.merit()
                             - score.values.ln() * form.free_shapes() as f64
                             - charge_of_law * form.factors.len() as f64,
+                        amplitudes: score.amplitudes,
                     })
                     .collect::<Vec<_>>()
             })
@@ -322,52 +317,6 @@ impl Search<'_> {
         let mut families = HashSet::new();
         out.retain(|scored| families.insert(scored.form.family()));
         out
-    }
-
-    /// Moves the shapes of forms, one parameter after the other, as long as their merit grows.
-    fn refined(&self, left: &Remainder<'_>, forms: Vec<Scored>) -> Vec<Scored> {
-        forms.into_par_iter().map(|scored| self.refine(left, scored)).collect()
-    }
-
-    fn refine(&self, left: &Remainder<'_>, mut best: Scored) -> Scored {
-        let mut moves = best.form.moves(self.columns);
-        let mut halvings = 0;
-        for _ in 0..TURNS {
-            let mut moved = false;
-            for k in 0..moves.len() {
-                let Some(step) = moves[k] else { continue };
-                for forth in [true, false] {
-                    let mut shape = best.form.shape();
-                    shape[k] = match step {
-                        Move::By(step) => shape[k] + if forth { step } else { -step },
-                        Move::Times(factor) => shape[k] * if forth { factor } else { 1.0 / factor },
-                    };
-                    let trial = best.form.with_shape(&shape);
-                    if !trial.allowed(self.columns) {
-                        continue;
-                    }
-                    let Some(trial) = self.scored(left, vec![trial]).pop() else { continue };
-                    if trial.merit > best.merit + 1e-9 * best.merit.abs() {
-                        best = trial;
-                        moved = true;
-                        break;
-                    }
-                }
-            }
-            if !moved {
-                halvings += 1;
-                if halvings > HALVINGS {
-                    break;
-                }
-                for step in moves.iter_mut().flatten() {
-                    *step = match *step {
-                        Move::By(step) => Move::By(0.5 * step),
-                        Move::Times(factor) => Move::Times(factor.sqrt()),
-                    };
-                }
-            }
-        }
-        best
     }
 }
 

@@ -21,7 +21,7 @@ use retina::investigation::{
 };
 use retina::report::{Page, Section};
 use retina::workbench::{
-    GivenEffect, Input, TableMaterial, added_effects, frame_effects, investigate_frames,
+    GivenEffect, Input, TableMaterial, added_effects, frame_effects, investigate_frames, pictures_of,
 };
 use serde_json::Value;
 
@@ -135,7 +135,10 @@ fn found(
                 (data, added, found)
             }
         };
-        let pictures = Some(set.pictures());
+        let pictures = Some(match &found {
+            Found::Investigation(found) => pictures_of(&set, found),
+            _ => set.pictures(),
+        });
         return Ok(PyFindings { found, data, added, material: None, pictures, raised });
     }
     let material = input.table()?;

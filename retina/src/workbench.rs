@@ -363,5 +363,13 @@ pub fn investigate_frames(
     Ok((data, result))
 }
 
+/// Predicted and measured images with what is left of them, as SVG: the last row of an image is with the formulas.
+pub fn pictures_of(set: &FrameSet, found: &Investigation) -> String {
+    match found.terms.is_empty() {
+        true => set.pictures(),
+        false => set.pictures_of_fit("with the formulas", &found.fit.residual),
+    }
+}
+
 /// Errors of tiles left out that differ by less than this factor say nothing: what an effect has to lower them by.
 const AS_WELL: f64 = 1.002;

@@ -2,16 +2,17 @@
 
 use std::path::PathBuf;
 
-use retina::workbench::investigate_frames;
+use retina::workbench::{investigate_frames, pictures_of};
 use retina_diagnosis::Dataset;
 use retina_files::InputError;
+use retina_frames::PICTURES_CAPTION;
 use retina_investigation::{
     Investigation, Options, investigate, investigation_json, investigation_page, investigation_text,
     write_formulas,
 };
 use retina_report::Section;
 
-use super::workbench::{Input, Material, pictures};
+use super::workbench::{Input, Material};
 use crate::failure::Failure;
 use crate::output::{print_json, print_lines};
 use crate::progress::counter;
@@ -58,7 +59,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let found = investigate_frames(&mut set, &arguments.effects, &options, &progress);
         bar.finish_and_clear();
         let (data, result) = found?;
-        return write(arguments, &data, &result, Some(pictures(&set)));
+        let images = Section::new("Images").figure(&pictures_of(&set, &result), PICTURES_CAPTION);
+        return write(arguments, &data, &result, Some(images));
     }
     let (material, added) = Material::read(&arguments.input, &arguments.effects)?;
     let data = material.data();
