@@ -43,7 +43,7 @@ pub fn lag_name(column: &str, tau_s: f64) -> String {
 
 /// Column and time constant of such a name.
 pub(crate) fn of_lag_name(name: &str) -> Option<(&str, f64)> {
-    let (column, tau) = name.strip_prefix("lag(")?.strip_suffix("[s])")?.split_once(", ")?;
+    let (column, tau) = name.strip_prefix("lag(")?.strip_suffix("[s])")?.rsplit_once(", ")?;
     tau.parse().ok().filter(|tau: &f64| *tau > 0.0 && tau.is_finite()).map(|tau| (column, tau))
 }
 

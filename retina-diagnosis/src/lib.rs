@@ -81,7 +81,7 @@ pub use estimate::{Implausible, Parameter, implausible};
 pub use figure::{axis_label, figure_svg, write_figure};
 pub use fit::{Fit, fit};
 pub use following::lag_name;
-pub use formula::unit_of_column;
+pub use formula::{column_text, unit_of_column};
 pub use headline::headline;
 pub use json::{compare_json, diagnose_json, effects_json, fit_json};
 pub use kept::{KeptEffect, KeptFormula, diagnose_with_kept, kept_effects};
@@ -95,7 +95,7 @@ pub use physical::Physical;
 pub use pixel_noise::{Neighbours, White, white_noise};
 pub use remainder::{LeftOut, Remainder};
 pub use report::{
-    Shape, compare_page, diagnose_page, effects_page, fit_page, followed_svg, signature_svgs,
+    Shape, compare_page, diagnose_page, effects_page, fit_page, fit_page_under, followed_svg, signature_svgs,
     unexplained_shapes,
 };
 pub use rivals::{Apart, DesignRows, Judgement, Rival, Rivals};

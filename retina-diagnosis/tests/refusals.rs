@@ -205,3 +205,38 @@ fn effects_and_formulas_that_do_not_fit_are_refused() {
     assert!(own("a / (time_s - time_s)", "b * row_load").contains("is not finite at its start values"));
     assert!(own("a * row_lod", "b * row_load").contains("row_lod"));
 }
+
+/// A few empty cells cost their rows; many cost the column.
+#[test]
+fn rows_are_left_out_where_a_column_is_empty() {
+    let text = campaign(20).table(&setup(), &nothing);
+    let empty = |every: usize| -> String {
+        let line = |(k, line): (usize, &str)| match k {
+            0 => format!("{line},humidity\n"),
+            k if k % every == 0 => format!("{line},\n"),
+            k => format!("{line},{}\n", 40 + k % 7),
+        };
+        text.lines().enumerate().map(line).collect()
+    };
+    let few = read(&empty(40)).unwrap();
+    assert_eq!(few.len(), read(&text).unwrap().len() - 10);
+    assert!(few.covariate("humidity").is_some());
+    let note = "10 rows are left out, in which the column `humidity` is empty";
+    assert!(few.notes.iter().any(|n| n == note), "{:?}", few.notes);
+    let many = read(&empty(3)).unwrap();
+    assert_eq!((many.len(), many.covariate("humidity").is_some()), (read(&text).unwrap().len(), false));
+}
+
+/// `x` is the place in the field and `F` the light, whatever a table calls its own columns.
+#[test]
+fn columns_with_names_of_made_quantities_are_refused() {
+    let text = campaign(20).table(&setup(), &nothing);
+    for name in ["x", "r", "F", "log10_irradiance"] {
+        let line = |(k, line): (usize, &str)| match k {
+            0 => format!("{line},{name}\n"),
+            k => format!("{line},{k}\n"),
+        };
+        let error = read(&text.lines().enumerate().map(line).collect::<String>()).err().unwrap();
+        assert!(error.to_string().contains(&format!("column `{name}`")), "{error}");
+    }
+}

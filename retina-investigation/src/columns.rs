@@ -4,11 +4,11 @@ use std::collections::HashMap;
 use std::hash::Hash;
 use std::sync::{Arc, PoisonError, RwLock};
 
-use retina_diagnosis::{Dataset, lag_name, unit_of_column};
+use retina_diagnosis::{Dataset, column_text, lag_name, unit_of_column};
 use retina_formats::TableKind;
 
 use crate::direction::Direction;
-use crate::form::Factor;
+use crate::form::{Factor, Form};
 use crate::law::Law;
 
 /// What a column's values are.
@@ -30,6 +30,8 @@ pub(crate) enum Content {
 #[derive(Debug, Clone)]
 pub(crate) struct Column {
     pub(crate) name: String,
+    /// The same as formulas write it.
+    pub(crate) text: String,
     /// The column that it follows, and its time constant in seconds.
     pub(crate) follows: Option<(String, f64)>,
     pub(crate) low: f64,
@@ -76,9 +78,19 @@ impl Column {
         if self.low > 0.2 * self.high { self.low } else { 0.0 }
     }
 
+    /// A value of it as formulas write it: a ten millionth of its range counts.
+    pub(crate) fn rounded(&self, value: f64) -> f64 {
+        rounded_for(value, self.high - self.low)
+    }
+
+    /// Where its waves begin: 0, or where the column begins if that is many times its range away from 0.
+    pub(crate) fn wave_origin(&self) -> f64 {
+        if self.low.abs() > 20.0 * self.half() { self.low } else { 0.0 }
+    }
+
     /// A value with its unit, as formulas write it.
     pub(crate) fn quantity(&self, value: f64) -> String {
-        let value = rounded(value);
+        let value = self.rounded(value);
         // A sign would be read as a subtraction.
         let number = if value < 0.0 { format!("({value})") } else { format!("{value}") };
         match &self.unit {
@@ -91,7 +103,14 @@ impl Column {
 
 /// A value to seven digits: what a formula's constants are written to.
 pub(crate) fn rounded(value: f64) -> f64 {
-    format!("{value:.6e}").parse().unwrap_or(value)
+    rounded_for(value, value.abs())
+}
+
+/// A value to as many digits as seven of `size` are, where that is smaller.
+fn rounded_for(value: f64, size: f64) -> f64 {
+    let further = (value.abs() / size).log10().ceil();
+    let digits = if further.is_finite() { 6 + further.clamp(0.0, 9.0) as usize } else { 6 };
+    format!("{value:.digits$e}").parse().unwrap_or(value)
 }
 
 /// Columns of a pixel's place.
@@ -118,7 +137,7 @@ impl Place {
         let middle_px = [x, y].map(|column| rounded(column.middle()));
         let half_px = rounded(x.half().max(y.half()));
         let text = |column: &Column, middle: f64| {
-            format!("(({} - {}) / {})", column.name, column.quantity(middle), column.quantity(half_px))
+            format!("(({} - {}) / {})", column.text, column.quantity(middle), column.quantity(half_px))
         };
         Self { texts: [text(x, middle_px[0]), text(y, middle_px[1])], middle_px, half_px }
     }
@@ -197,8 +216,11 @@ pub(crate) fn columns(data: &Dataset) -> Vec<Column> {
 
 /// Time itself, and how long light fell: nothing follows these with a delay.
 const NEVER_FOLLOWED: [&str; 2] = ["time_s", "exposure_s"];
-/// Most delays that are tried; each is twice the one before.
+/// Most delays that are tried; each is so many times the one before.
 const MOST_DELAYS: usize = 6;
+const DELAY_STEP: f64 = 2.0;
+/// Delays between two of these, where one of them was found.
+const FINER: i32 = 8;
 
 /// Time constants with which something may follow a column: from two of its changes on, and as long as the table shows the
 /// end of it.
@@ -215,11 +237,31 @@ fn delays_s(data: &Dataset, column: &Column) -> Vec<f64> {
     let (Some(first), Some(last)) = (all.first(), all.last()) else { return Vec::new() };
     let span = last.0 - first.0;
     let shortest = 2.0 * span / changes.max(1) as f64;
-    std::iter::successors(Some(shortest), |tau_s| Some(2.0 * tau_s))
+    std::iter::successors(Some(shortest), |tau_s| Some(DELAY_STEP * tau_s))
         .take_while(|tau_s| *tau_s <= 0.25 * span)
         .take(MOST_DELAYS)
         .map(two_digits)
         .collect()
+}
+
+/// The columns with further ones behind them: delays about those that some forms have.
+pub(crate) fn with_finer_delays<'f>(
+    data: &Dataset,
+    columns: &[Column],
+    forms: impl Iterator<Item = &'f Form>,
+) -> Vec<Column> {
+    let mut out = columns.to_vec();
+    for factor in forms.flat_map(|form| &form.factors) {
+        let Some((source, tau_s)) = &columns[factor.column].follows else { continue };
+        for step in (1 - FINER..FINER).filter(|step| *step != 0) {
+            let tau_s = two_digits(tau_s * DELAY_STEP.powf(f64::from(step) / f64::from(FINER)));
+            let name = lag_name(source, tau_s);
+            if !out.iter().any(|known| known.name == name) {
+                out.extend(column(data, name, Some((source.clone(), tau_s))));
+            }
+        }
+    }
+    out
 }
 
 /// A value to two digits.
@@ -234,7 +276,8 @@ fn column(data: &Dataset, name: String, follows: Option<(String, f64)>) -> Optio
     // In a table a value that is missing is not known, in an image a pixel of the sky has no angle.
     let enough = if data.kind == TableKind::Frames { sorted.len() > rows / 4 } else { sorted.len() == rows };
     sorted.sort_by(f64::total_cmp);
-    let (low, high) = (rounded(*sorted.first()?), rounded(*sorted.last()?));
+    let (first, last) = (*sorted.first()?, *sorted.last()?);
+    let [low, high] = [first, last].map(|value| rounded_for(value, last - first));
     if !enough || high <= low {
         return None;
     }
@@ -251,7 +294,8 @@ fn column(data: &Dataset, name: String, follows: Option<(String, f64)>) -> Optio
         Content::Number
     };
     let unit = unit_of_column(follows.as_ref().map_or(&name, |(source, _)| source));
-    Some(Column { name, follows, low, high, content, unit })
+    let text = column_text(&name)?;
+    Some(Column { name, text, follows, low, high, content, unit })
 }
 
 impl Table {

@@ -187,10 +187,22 @@ impl Form {
         frozen: &[bool],
     ) -> String {
         let unit = kind.unit();
+        // A parameter has no column's name.
+        let free = |mut name: String| {
+            while columns.iter().any(|column| column.name == name) {
+                name.push('_');
+            }
+            name
+        };
+        let amplitude_name = |number: usize| free(format!("amplitude_{number}"));
         let mut parameters = String::from("[parameters]\n");
         for (k, amplitude) in amplitudes.iter().enumerate() {
             let start = rounded(*amplitude);
-            let _ = writeln!(parameters, "amplitude_{} = {{ start = {start:?}, unit = \"{unit}\" }}", k + 1);
+            let _ = writeln!(
+                parameters,
+                "{} = {{ start = {start:?}, unit = \"{unit}\" }}",
+                amplitude_name(k + 1)
+            );
         }
         let mut at = 0;
         let mut texts_of =
@@ -204,9 +216,9 @@ impl Form {
                         out.push(column.map_or_else(|| plain(*value), |column| column.quantity(*value)));
                         continue;
                     }
-                    let name = format!("{}{suffix}", shape.name);
+                    let name = free(format!("{}{suffix}", shape.name));
                     let unit = column.and_then(|column| column.unit.clone()).unwrap_or_default();
-                    let start = rounded(*value);
+                    let start = column.map_or_else(|| rounded(*value), |column| column.rounded(*value));
                     let _ = writeln!(parameters, "{name} = {{ start = {start:?}, unit = \"{unit}\" }}");
                     out.push(name);
                 }
@@ -242,13 +254,13 @@ impl Form {
                     if vector[axis].is_empty() {
                         continue;
                     }
-                    let own = format!("amplitude_{amplitude}");
+                    let own = amplitude_name(amplitude);
                     let others = std::iter::once(&vector[axis]).filter(|text| *text != "1").chain(scalar);
                     terms.push(std::iter::once(&own).chain(others).cloned().collect::<Vec<_>>().join(" * "));
                 }
             }
             let sum = if terms.is_empty() { "0".to_owned() } else { terms.join(" + ") };
-            let _ = writeln!(text, "{key} = \"{sum}\"");
+            let _ = writeln!(text, "{key} = \"{}\"", sum.replace('\\', "\\\\").replace('"', "\\\""));
         }
         text + &parameters
     }

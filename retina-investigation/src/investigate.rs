@@ -2,19 +2,19 @@
 
 use rayon::prelude::*;
 use retina_diagnosis::{
-    AddedEffect, Dataset, DiagnoseOptions, Halves, LeftOut, Part, Proof, Remainder, diagnose_step, effects,
-    fit,
+    AddedEffect, Dataset, DiagnoseOptions, Halves, LeftOut, Part, Proof, Remainder, column_text,
+    diagnose_step, effects, fit,
 };
 use retina_files::InputError;
 use retina_formats::TableKind;
 
-use crate::columns::{Column, Table, columns};
+use crate::columns::{Column, Table, columns, with_finer_delays};
 use crate::form::Form;
 use crate::half::{InHalf, Judge, Sought};
 use crate::outcome::{Formula, Investigation, KnownEffect, Term, Unproven, WeakEffect};
 use crate::rivals::{Choice, TOLD_APART, inseparable, sum};
 use crate::search::{Scored, WEAK, finite, simplest};
-use crate::words::words;
+use crate::words::{short, words};
 
 /// What is asked of an investigation.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,7 +69,7 @@ pub fn investigate(
         forms: Vec::new(),
         unproven: None,
         tried: 0,
-        notes: data.notes.clone(),
+        notes: data.notes.iter().cloned().chain(unwritten(data)).collect(),
         options,
         progress,
     };
@@ -97,6 +97,13 @@ pub fn investigate(
         tried: out.tried,
         notes: out.notes,
     })
+}
+
+/// Columns whose names no formula can have.
+fn unwritten(data: &Dataset) -> Option<String> {
+    let names: Vec<&str> =
+        data.screened_columns().into_iter().filter(|name| column_text(name).is_none()).collect();
+    (!names.is_empty()).then(|| format!("not looked at, for a backquote in the name: {}", names.join(", ")))
 }
 
 /// What was found so far.
@@ -230,6 +237,14 @@ impl Rounds<'_> {
             });
             return Ok(false);
         }
+        // Delays were tried in coarse steps.
+        let columns = with_finer_delays(
+            halves.data(Part::Whole),
+            &columns,
+            scored.iter().take(JUDGED).map(|scored| &scored.form).chain([&chosen]),
+        );
+        let whole = Table::new(halves.data(Part::Whole), &columns);
+        let sought = Sought { columns: &columns, whole: &whole, ..sought };
         // There is something, and half of the groups may have been too few to tell which formula. So the search goes on from
         // there on all data; what one half says has to hold in the other all the same.
         let near = scored.iter().map(|scored| scored.form.clone()).collect();
@@ -310,7 +325,7 @@ impl Rounds<'_> {
         let frozen = inseparable(&left, own, whole, columns, &amplitudes);
         let Some((text, effect)) = self.readable(own, columns, &name, &amplitudes, frozen) else {
             self.notes
-                .push(format!("the formula {name} cannot be fitted as a user's effect and is left out"));
+                .push(format!("a formula of {} holds, and cannot be fitted as a user's effect: it is left out. Look whether two columns say the same, or a column has values of very different sizes", own.covariates(columns).join(", ")));
             return Ok(None);
         };
         let choice =
@@ -323,7 +338,14 @@ impl Rounds<'_> {
         let beside = left.beside(&field);
         let rms = (field.iter().map(|v| v * v).sum::<f64>() / field.len().max(1) as f64).sqrt();
         let strength = (beside.iter().map(|v| v * v).sum::<f64>() / left.components()).sqrt();
-        let words = words(own, columns, self.data, &amplitudes, strength);
+        let mut words = words(own, columns, self.data, &amplitudes, strength);
+        if let Some([shortest, longest]) = choice.delays_s() {
+            words.says.push(format!(
+                "These data do not tell time constants from {} to {} s apart.",
+                short(shortest),
+                short(longest)
+            ));
+        }
         let covariates = own.covariates(columns);
         let weak_beside = self.weak_beside(rms, proof.strength)?;
         let (along, reads) = (own.along(whole, columns, &amplitudes), own.reads(columns));

@@ -217,7 +217,7 @@ impl Law {
             Self::Step => one(f64::from(u8::from(u > shape[0]))),
             Self::Bump => one((-((u - shape[0]) / shape[1]).powi(2)).exp()),
             Self::Periodic => {
-                let (sin, cos) = (TAU * u / shape[0]).sin_cos();
+                let (sin, cos) = (TAU * (u - column.wave_origin()) / shape[0]).sin_cos();
                 [sin, cos]
             }
             Self::Hinge => one((u - shape[0]).max(0.0) / half),
@@ -227,7 +227,7 @@ impl Law {
 
     /// The same as text; `shape` has the parameters' names, or their values with units.
     pub(crate) fn text(self, shape: &[String], column: &Column) -> Vec<String> {
-        let u = &column.name;
+        let u = &column.text;
         let half = column.quantity(column.half());
         let first = || shape.first().map_or("", String::as_str);
         let off = || format!("({u} - {})", first());
@@ -255,6 +255,10 @@ impl Law {
             Self::Step => format!("step({u} - {})", first()),
             Self::Bump => format!("exp(-({} / {})^2)", off(), shape[1]),
             Self::Periodic => {
+                let u = match column.wave_origin() {
+                    0.0 => u.clone(),
+                    origin => format!("({u} - {})", column.quantity(origin)),
+                };
                 return ["sin", "cos"].map(|f| format!("{f}(2 * pi * {u} / {})", first())).to_vec();
             }
             Self::Hinge => format!("(0.5 * ({} + abs({u} - {})) / {half})", off(), first()),

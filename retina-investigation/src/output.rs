@@ -61,6 +61,13 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
     if !result.known.is_empty() {
         let beside = if result.terms.is_empty() { "" } else { " beside it" };
         out.push(format!("known effects that were found{beside}: {}", known_text(result)));
+        for formula in result.known.iter().filter_map(|known| known.formula.as_ref()) {
+            out.push(stood_for(formula));
+            out.extend(formula_lines(&formula.effect).into_iter().map(|line| format!("    {line}")));
+        }
+    }
+    if result.terms.is_empty() && result.known.is_empty() {
+        out.push(NOTHING.to_owned());
     }
     for term in &result.terms {
         out.push(format!("{}: depends on {}", term.name, term.covariates.join(", ")));
@@ -68,9 +75,7 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
         out.push(format!("  proof on the other half of the groups: {}", proof_text(&term.proof)));
         out.extend(term.words.says.iter().map(|sentence| format!("  {sentence}")));
         if let Some(stronger) = &term.weak_beside {
-            out.push(format!(
-                "  It is weak beside {stronger}: it may be only what the laws of that formula lack, and its columns are not sure."
-            ));
+            out.push(format!("  {}", weak_beside_text(stronger)));
         }
         if !term.words.independent_of.is_empty() {
             out.push(format!("  It does not need {}.", term.words.independent_of.join(", ")));
@@ -81,8 +86,8 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
                 100.0 * share
             ));
         }
-        for rival in &term.rivals {
-            out.extend(rival_text(rival, unit));
+        for (number, rival) in term.rivals.iter().enumerate() {
+            out.extend(rival_text(&format!("{}_rival_{}", term.name, number + 1), rival, unit));
         }
         for origin in &term.words.origins {
             out.push(format!("  may be: {}", origin.mechanism));
@@ -100,11 +105,38 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
             proof_text(&unproven.proof)
         ));
     }
+    if let Some(next) = next_measurement(result) {
+        out.push(format!(
+            "next: measure at {}, where {} differ by {} of the noise",
+            next.place,
+            next.separates.join(" and "),
+            short(next.sigma)
+        ));
+    }
     out.push(format!("{} forms were tried", result.tried));
     out.push(String::new());
     out.extend(fit_text(data, &result.fit));
     out.extend(result.notes.iter().map(|note| format!("note: {note}")));
     out
+}
+
+/// What to do where nothing was found.
+pub(crate) const NOTHING: &str =
+    "Known effects are the diagnosis's to find: ask `retina diagnose` about the same table.";
+
+pub(crate) fn weak_beside_text(stronger: &str) -> String {
+    format!(
+        "It is weak beside {stronger}: it may be only what the laws of that lack, and its columns are not sure."
+    )
+}
+
+/// A formula that a known effect is in the model for.
+pub(crate) fn stood_for(formula: &Formula) -> String {
+    format!(
+        "{} was found as a formula of {}, which is nearly the same here:",
+        formula.known.unwrap_or_default(),
+        formula.columns.join(", ")
+    )
 }
 
 /// Known effects with the columns that they depend on here.
@@ -125,11 +157,11 @@ pub(crate) fn weak_text(weak: &WeakEffect) -> String {
     )
 }
 
-fn rival_text(rival: &Rival, unit: &str) -> Vec<String> {
+fn rival_text(name: &str, rival: &Rival, unit: &str) -> Vec<String> {
     let at: Vec<String> =
         rival.differs_at.iter().map(|(name, value)| format!("{name} = {}", short(*value))).collect();
     let mut out = vec![format!(
-        "  not told apart from a formula of {}: they differ by {} {unit} rms, most at {} ({} {unit})",
+        "  not told apart from {name}, a formula of {}: they differ by {} {unit} rms, most at {} ({} {unit})",
         rival.covariates.join(", "),
         short(rival.difference_rms),
         at.join(", "),
@@ -180,17 +212,34 @@ fn file_of(folder: &Path, name: &str) -> PathBuf {
     folder.join(format!("{name}.toml"))
 }
 
-/// Writes all formulas into a folder: files that `--effect` takes.
+/// Writes all formulas into a folder: files that `--effect` takes. Formulas of an earlier run that this one does not have
+/// stay there, since somebody may have changed them; a note of the result names them.
 ///
 /// # Errors
 /// The folder cannot be made, or a file not be written.
-pub fn write_formulas(folder: &Path, result: &Investigation) -> Result<(), InputError> {
+pub fn write_formulas(folder: &Path, result: &mut Investigation) -> Result<(), InputError> {
     let failed =
         |path: &Path, error: std::io::Error| InputError::new(path, format!("cannot be written: {error}"));
     std::fs::create_dir_all(folder).map_err(|error| failed(folder, error))?;
     for formula in result.formulas() {
         let path = file_of(folder, &formula.name);
         retina_files::write_atomic(&path, formula.effect.as_bytes()).map_err(|error| failed(&path, error))?;
+    }
+    let own: Vec<PathBuf> = result.formulas().iter().map(|formula| file_of(folder, &formula.name)).collect();
+    let entries = std::fs::read_dir(folder).map_err(|error| failed(folder, error))?;
+    let mut older: Vec<String> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| path.extension().is_some_and(|extension| extension == "toml") && !own.contains(path))
+        .filter_map(|path| Some(path.file_name()?.to_str()?.to_owned()))
+        .filter(|name| name.starts_with("found_") || name.starts_with("formula_of_"))
+        .collect();
+    if !older.is_empty() {
+        older.sort_unstable();
+        result.notes.push(format!(
+            "{} has formulas of an earlier run, which are not of this one: {}",
+            folder.display(),
+            older.join(", ")
+        ));
     }
     Ok(())
 }
@@ -212,18 +261,37 @@ fn formula_json(formula: &Formula, folder: Option<&Path>) -> Value {
     out
 }
 
-/// Where the first formula and its nearest rival differ most.
-fn next_json(result: &Investigation) -> Value {
-    let rivals = |term: &&Term| !term.rivals.is_empty();
-    let Some(term) = result.terms.iter().find(rivals) else { return Value::Null };
+/// A measurement that separates two formulas.
+pub(crate) struct Next {
+    /// Columns and their values.
+    pub(crate) place: String,
+    /// Names of the formulas.
+    pub(crate) separates: Vec<String>,
+    /// Their difference there, in the noise of a row.
+    pub(crate) sigma: f64,
+}
+
+/// Where the first formula that has a rival and its nearest one differ most.
+pub(crate) fn next_measurement(result: &Investigation) -> Option<Next> {
+    let term = result.terms.iter().find(|term| !term.rivals.is_empty())?;
     let rival = &term.rivals[0];
     let place: Vec<String> =
         rival.differs_at.iter().map(|(name, value)| format!("{name} = {}", short(*value))).collect();
-    json!({
-        "action": "measure_at",
-        "value": place.join(", "),
-        "separates": term.formulas().into_iter().take(2).map(|formula| formula.name).collect::<Vec<_>>(),
-        "expected_sigma": rival.differs_by / result.noise.white.hypot(result.noise.group),
+    Some(Next {
+        place: place.join(", "),
+        separates: term.formulas().into_iter().take(2).map(|formula| formula.name).collect(),
+        sigma: rival.differs_by / result.noise.white.hypot(result.noise.group),
+    })
+}
+
+fn next_json(result: &Investigation) -> Value {
+    next_measurement(result).map_or(Value::Null, |next| {
+        json!({
+            "action": "measure_at",
+            "value": next.place,
+            "separates": next.separates,
+            "expected_sigma": next.sigma,
+        })
     })
 }
 

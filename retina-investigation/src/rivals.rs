@@ -3,7 +3,7 @@
 use retina_diagnosis::{Dataset, LeftOut, Remainder};
 
 use crate::columns::{Column, Table};
-use crate::form::Form;
+use crate::form::{Factor, Form};
 use crate::outcome::Rival;
 use crate::search::{Scored, finite};
 
@@ -31,6 +31,34 @@ pub(crate) struct Choice<'a> {
 }
 
 impl Choice<'_> {
+    /// Whether a form is the best one with another delay behind the same column.
+    fn only_delayed_otherwise(&self, form: &Form) -> bool {
+        let best = &self.scored[self.best].form;
+        let alike = |(a, b): (&Factor, &Factor)| {
+            let [a_column, b_column] = [a, b].map(|factor| &self.columns[factor.column]);
+            let delays = a_column.follows.is_some() && b_column.follows.is_some();
+            a.law == b.law && (a.column == b.column || (delays && a_column.source() == b_column.source()))
+        };
+        form.direction == best.direction
+            && form.factors.len() == best.factors.len()
+            && form.factors.iter().zip(&best.factors).all(alike)
+    }
+
+    /// Time constants of the best form's delay that units left out do not tell from its own, where there are others.
+    pub(crate) fn delays_s(&self) -> Option<[f64; 2]> {
+        let delay = |form: &Form| {
+            form.factors.iter().find_map(|factor| Some(self.columns[factor.column].follows.as_ref()?.1))
+        };
+        let as_good = |k: &usize| {
+            self.only_delayed_otherwise(&self.scored[*k].form)
+                && self.errors[*k].beaten_by(&self.errors[self.best]) <= TOLD_APART
+        };
+        let own = delay(&self.scored[self.best].form)?;
+        let all = (0..self.scored.len()).filter(as_good).filter_map(|k| delay(&self.scored[k].form));
+        let [low, high] = all.fold([own; 2], |[low, high], delay| [low.min(delay), high.max(delay)]);
+        (high > low).then_some([low, high])
+    }
+
     /// Forms that units left out do not tell from the best.
     pub(crate) fn rivals(&self, data: &Dataset, name: &str) -> Vec<Rival> {
         let Self { left, scored, errors, best, columns, whole, field } = *self;
@@ -41,7 +69,8 @@ impl Choice<'_> {
             let beaten_by = errors[k].beaten_by(&errors[best]);
             let most = scored[best].form.complexity() + RIVAL_COMPLEXITY;
             let more = rival.form.factors.len() > scored[best].form.factors.len();
-            if k == best || beaten_by > TOLD_APART || more || rival.form.complexity() > most {
+            let same = k == best || self.only_delayed_otherwise(&rival.form);
+            if same || beaten_by > TOLD_APART || more || rival.form.complexity() > most {
                 continue;
             }
             let evaluated = finite(rival.form.evaluate(whole, columns));

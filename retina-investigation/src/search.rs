@@ -335,10 +335,15 @@ fn without_one_law(form: &Form) -> Vec<Form> {
     (0..form.factors.len()).map(less).collect()
 }
 
-/// Columns without what is no number: a form that has one explains nothing.
+/// Largest value of a column that lies beside all rows, but for its skirts.
+const SKIRTS: f64 = 1e-4;
+
+/// Columns without what is no number, and without those whose laws have no row where they are large: such columns explain
+/// nothing.
 pub(crate) fn finite(mut columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     for column in &mut columns {
-        if column.iter().any(|value| !value.is_finite()) {
+        let largest = column.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+        if largest < SKIRTS || column.iter().any(|value| !value.is_finite()) {
             column.fill(0.0);
         }
     }
@@ -393,4 +398,16 @@ pub(crate) fn simplest(
         .filter(|&k| errors[k].beaten_by(first) <= 1.0 || nearly(k))
         .min_by_key(|&k| (found[k].form.complexity(), k))?;
     Some((simplest, errors))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A bump of a hundredth of a row's distance has 1e-16 there, and any amplitude.
+    #[test]
+    fn laws_that_are_large_beside_the_rows_explain_nothing() {
+        let columns = vec![vec![1e-16, 3e-7], vec![0.0, 0.2], vec![f64::NAN, 1.0]];
+        assert_eq!(finite(columns), [[0.0, 0.0], [0.0, 0.2], [0.0, 0.0]]);
+    }
 }

@@ -72,10 +72,43 @@ pub(crate) fn words(
     }
     says.push(format!("Its rms beside the model is {strength:.2} of the noise."));
     let own = form.covariates(columns);
-    let independent_of =
-        data.screened_columns().into_iter().filter(|name| !own.iter().any(|o| o == name)).map(str::to_owned);
+    let (alike, independent_of): (Vec<String>, Vec<String>) = data
+        .screened_columns()
+        .into_iter()
+        .filter(|name| !own.iter().any(|o| o == name))
+        .map(str::to_owned)
+        .partition(|name| own.iter().any(|own| correlation(data, own, name).abs() >= ONE_COLUMN));
+    if !alike.is_empty() {
+        says.push(format!(
+            "As well as of {} it may be of {}, which goes with it in a straight line: these data do not tell them apart.",
+            own.join(", "),
+            alike.join(", ")
+        ));
+    }
     let delayed = form.factors.iter().any(|factor| columns[factor.column].follows.is_some());
-    Words { says, independent_of: independent_of.collect(), origins: likely(form, &own, delayed) }
+    Words { says, independent_of, origins: likely(form, &own, delayed) }
+}
+
+/// Columns with a correlation of this size are one, for what a formula says.
+const ONE_COLUMN: f64 = 0.995;
+
+/// Pearson's correlation of two columns over the rows that have both.
+fn correlation(data: &Dataset, a: &str, b: &str) -> f64 {
+    let of = |name: &str| data.covariate(name).map_or(&[][..], |covariate| covariate.values.as_slice());
+    let both: Vec<(f64, f64)> = of(a)
+        .iter()
+        .copied()
+        .zip(of(b).iter().copied())
+        .filter(|(a, b)| a.is_finite() && b.is_finite())
+        .collect();
+    let count = both.len().max(1) as f64;
+    let mean = both.iter().fold((0.0, 0.0), |sum, pair| (sum.0 + pair.0 / count, sum.1 + pair.1 / count));
+    let (mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0);
+    for (a, b) in both {
+        let (a, b) = (a - mean.0, b - mean.1);
+        (aa, bb, ab) = (aa + a * a, bb + b * b, ab + a * b);
+    }
+    if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
 }
 
 /// Mechanisms whose columns are in the formula; those that agree in direction and law first.

@@ -324,7 +324,9 @@ pub fn frame_effects(effects: &[GivenEffect]) -> Result<Vec<String>, InputError>
 }
 
 fn twice(name: &str) -> InputError {
-    InputError::new("--effect", "is given twice").found(format!("`{name}`"))
+    InputError::new("--effect", "is given twice")
+        .found(format!("two effects of the name `{name}`"))
+        .help("two files? give one of them another `name = ...`")
 }
 
 /// Formulas of what the best prediction of images leaves. Known effects of images change the prediction, which is made

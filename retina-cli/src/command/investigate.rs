@@ -25,7 +25,7 @@ pub(crate) struct Arguments {
     /// more.
     #[arg(long = "effect", value_name = "ID|FILE")]
     effects: Vec<String>,
-    /// Largest number of formulas to look for, one beside the other.
+    /// Largest number of formulas to look for, one beside the other: 1 to 8.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=8))]
     terms: u32,
     /// Seed of the sign flips.
@@ -58,21 +58,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(mut set) = arguments.input.read()?.frames()? {
         let found = investigate_frames(&mut set, &arguments.effects, &options, &progress);
         bar.finish_and_clear();
-        let (data, result) = found?;
+        let (data, mut result) = found?;
         let images = Section::new("Images").figure(&pictures_of(&set, &result), PICTURES_CAPTION);
-        return write(arguments, &data, &result, Some(images));
+        return write(arguments, &data, &mut result, Some(images));
     }
     let (material, added) = Material::read(&arguments.input, &arguments.effects)?;
     let data = material.data();
     let found = investigate(data, &added, &options, &progress);
     bar.finish_and_clear();
-    write(arguments, data, &found?, None)
+    write(arguments, data, &mut found?, None)
 }
 
 fn write(
     arguments: &Arguments,
     data: &Dataset,
-    result: &Investigation,
+    result: &mut Investigation,
     images: Option<Section>,
 ) -> Result<(), Failure> {
     if let Some(folder) = &arguments.out {

@@ -6,7 +6,9 @@ use std::sync::{Arc, OnceLock};
 use retina_files::InputError;
 use retina_formats::{Channel, PhaseTable, TableKind};
 
-use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repeated, stated};
+use super::read::{
+    Baseline, Named, Source, add_made, bits, bits_of, covariates, first_file, lacking, repeated, stated,
+};
 use super::{Covariate, Dataset, DisplayDepth, Flip, Group, RowFrame};
 
 /// Magnitude of a Lambert sphere at a phase angle (rad, 0 to pi) relative to full:
@@ -38,6 +40,13 @@ pub(super) fn read(_source: &Source<'_>, table: &PhaseTable) -> Result<Dataset, 
     if repeats > 0 {
         notes.push(format!("{repeats} rows repeat others in every cell"));
     }
+    let row = |at: usize| &table.rows[at];
+    let named: [Named<'_>; 2] =
+        [("phase_deg", &|at| Some(row(at).phase_deg)), ("airmass", &|at| row(at).airmass)];
+    let all: Vec<usize> = groups.values().flatten().copied().collect();
+    let lacking = lacking(&all, &named, &table.extra, &mut notes);
+    groups.values_mut().for_each(|rows| rows.retain(|row| !lacking.contains(row)));
+    groups.retain(|_, rows| !rows.is_empty());
     let order: Vec<usize> = groups.values().flatten().copied().collect();
     let (mut phase, mut y, mut frame) = (Vec::new(), Vec::new(), Vec::new());
     for &at in &order {
@@ -51,18 +60,10 @@ pub(super) fn read(_source: &Source<'_>, table: &PhaseTable) -> Result<Dataset, 
             .at("column `phase_deg`")
             .help("radians? give degrees"));
     }
-    let row = |at: usize| &table.rows[at];
-    let mut all = covariates(
-        &table.files,
-        &order,
-        &[("phase_deg", &|at| Some(row(at).phase_deg)), ("airmass", &|at| row(at).airmass)],
-        &table.extra,
-        &mut notes,
-    )?;
-    all.push(Covariate {
-        name: "absolute_phase_deg".to_owned(),
-        values: phase.iter().map(|p| p.abs()).collect(),
-    });
+    let mut all = covariates(&table.files, &order, &named, &table.extra, &mut notes)?;
+    let values = phase.iter().map(|p| p.abs()).collect();
+    let absolute = Covariate { name: "absolute_phase_deg".to_owned(), values };
+    add_made(first_file(&table.files), &mut all, vec![absolute])?;
     let stated = stated("sigma_mag", order.iter().map(|&at| row(at).sigma_mag), &mut notes);
     let noise_key = match &stated {
         Some(sigma) => sigma.iter().map(|sigma| sigma.ln()).collect(),

@@ -9,7 +9,7 @@ use retina_formats::{
 };
 use retina_geometry::{ARCSEC_PER_RAD, LensModel, Pinhole};
 
-use super::read::{Baseline, Source, covariates, first_file, stated};
+use super::read::{Baseline, Named, Source, add_made, covariates, first_file, lacking, stated};
 use crate::field::{Held, HeldModel};
 
 use super::copies::{exposures, leave_out_copies, refuse_constant, refuse_repeated};
@@ -244,6 +244,19 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
     let mut notes = Vec::new();
     let (mut groups, saturated) = exposures(table);
     notes.extend(leave_out_copies(table, &mut groups));
+    let row = |at: usize| &table.rows[at];
+    let named: [Named<'_>; 6] = [
+        ("digital_count", &|at| Some(row(at).digital_count)),
+        ("time_s", &|at| row(at).time_s),
+        ("temperature_c", &|at| row(at).temperature_c),
+        ("row_load", &|at| row(at).row_load),
+        ("exposure_s", &|at| row(at).exposure_s),
+        ("camera_roll_deg", &|at| row(at).camera_roll_deg),
+    ];
+    let all: Vec<usize> = groups.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
+    let lacking = lacking(&all, &named, &table.extra, &mut notes);
+    groups.iter_mut().for_each(|(_, rows)| rows.retain(|row| !lacking.contains(row)));
+    groups.retain(|(_, rows)| !rows.is_empty());
     let order: Vec<usize> = groups.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
     if order.is_empty() {
         return Err(InputError::new(first_file(&table.files), "holds no usable points")
@@ -281,21 +294,7 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
         _ => on_tangent_plane(&seen, &predicted, &camera),
     };
     let Explained { y, frame, roll_rad, predicted_px, lens } = explained;
-    let row = |at: usize| &table.rows[at];
-    let mut all = covariates(
-        &table.files,
-        &order,
-        &[
-            ("digital_count", &|at| Some(row(at).digital_count)),
-            ("time_s", &|at| row(at).time_s),
-            ("temperature_c", &|at| row(at).temperature_c),
-            ("row_load", &|at| row(at).row_load),
-            ("exposure_s", &|at| row(at).exposure_s),
-            ("camera_roll_deg", &|at| row(at).camera_roll_deg),
-        ],
-        &table.extra,
-        &mut notes,
-    )?;
+    let mut all = covariates(&table.files, &order, &named, &table.extra, &mut notes)?;
     let of_group =
         groups.iter().enumerate().flat_map(|(group, (_, rows))| std::iter::repeat_n(group, rows.len()));
     let known: Vec<Known> = of_group
@@ -322,7 +321,7 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
                 .to_owned(),
         );
     }
-    all.extend(made_covariates(&seen, &known));
+    add_made(first_file(&table.files), &mut all, made_covariates(&seen, &known))?;
     let stated: Option<Vec<f64>> = stated("sigma_px", rows.iter().map(|row| row.sigma_px), &mut notes)
         .map(|sigma| sigma.iter().map(|sigma| sigma * ARCSEC_PER_RAD / camera.fx_px).collect());
     let noise_key = match &stated {

@@ -7,7 +7,9 @@ use faer::Mat;
 use retina_files::InputError;
 use retina_formats::{Channel, ChannelCurve, PowerRow, PowerTable, RadiometricCalibration, TableKind};
 
-use super::read::{Baseline, Source, bits, bits_of, covariates, first_file, repeated, stated};
+use super::read::{
+    Baseline, Named, Source, add_made, bits, bits_of, covariates, first_file, lacking, repeated, stated,
+};
 use crate::field::Held;
 use crate::linear::cholesky;
 
@@ -48,6 +50,17 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
     if repeats > 0 {
         notes.push(format!("{repeats} rows repeat others in every cell"));
     }
+    let row = |at: usize| &table.rows[at];
+    let named: [Named<'_>; 4] = [
+        ("digital_count", &|at| Some(row(at).digital_count)),
+        ("square_px", &|at| Some(row(at).square_px)),
+        ("time_s", &|at| row(at).time_s),
+        ("temperature_c", &|at| row(at).temperature_c),
+    ];
+    let all: Vec<usize> = groups.values().flatten().copied().collect();
+    let lacking = lacking(&all, &named, &table.extra, &mut notes);
+    groups.values_mut().for_each(|rows| rows.retain(|row| !lacking.contains(row)));
+    groups.retain(|_, rows| !rows.is_empty());
     let order: Vec<usize> = groups.values().flatten().copied().collect();
     let file = first_file(&table.files);
     let gamma = source.setup.response_gamma();
@@ -81,20 +94,9 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
     let faintest = nominal.iter().copied().filter(|n| *n > 0.0).fold(f64::INFINITY, f64::min);
     let scale: Vec<f64> = nominal.iter().map(|n| gain * n.max(faintest)).collect();
     let y = (0..order.len()).map(|i| (measured[i] - zero - nominal[i] * gain) / scale[i]).collect();
-    let row = |at: usize| &table.rows[at];
-    let mut all = covariates(
-        &table.files,
-        &order,
-        &[
-            ("digital_count", &|at| Some(row(at).digital_count)),
-            ("square_px", &|at| Some(row(at).square_px)),
-            ("time_s", &|at| row(at).time_s),
-            ("temperature_c", &|at| row(at).temperature_c),
-        ],
-        &table.extra,
-        &mut notes,
-    )?;
-    let mut add = |name: &str, values: Vec<f64>| all.push(Covariate { name: name.to_owned(), values });
+    let mut all = covariates(&table.files, &order, &named, &table.extra, &mut notes)?;
+    let mut made: Vec<Covariate> = Vec::new();
+    let mut add = |name: &str, values: Vec<f64>| made.push(Covariate { name: name.to_owned(), values });
     // Natural logarithms; dark readings stand at the faintest lit one.
     add("ln_irradiance", nominal.iter().map(|n| n.max(faintest).ln()).collect());
     add("level", level.clone());
@@ -103,6 +105,7 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
     for (of, name) in Channel::ALL.into_iter().zip(["channel_r", "channel_g", "channel_b", "channel_w"]) {
         add(name, channel.iter().map(|c| f64::from(u8::from(*c == of))).collect());
     }
+    add_made(file, &mut all, made)?;
     let mut noise_key: Vec<f64> = nominal.iter().map(|n| -n.max(faintest).ln()).collect();
     let stated: Option<Vec<f64>> =
         stated("sigma_w_m2", order.iter().map(|&at| row(at).sigma_w_m2), &mut notes)

@@ -1,7 +1,7 @@
 //! Tables as data: what they are compared with, repeated rows, covariates.
 
-use std::collections::HashMap;
 use std::collections::hash_map::{DefaultHasher, Entry};
+use std::collections::{HashMap, HashSet};
 use std::hash::{Hash, Hasher as _};
 use std::path::Path;
 
@@ -135,6 +135,63 @@ pub(super) fn bits<const N: usize>(values: [Option<f64>; N]) -> [u64; N] {
 /// A column that the schema names: its name and its value in a row of the table.
 pub(super) type Named<'a> = (&'static str, &'a dyn Fn(usize) -> Option<f64>);
 
+/// Numeric columns: their names, and their values in some rows of the table, NaN where a cell is empty.
+fn numeric<'a>(
+    rows: &'a [usize],
+    named: &'a [Named<'a>],
+    extra: &'a [ExtraColumn],
+) -> impl Iterator<Item = (&'a str, Vec<f64>)> {
+    let of_schema = named
+        .iter()
+        .map(|(name, value)| (*name, rows.iter().map(|&row| value(row).unwrap_or(f64::NAN)).collect()));
+    let further = extra
+        .iter()
+        .map(|column| (column.name.as_str(), rows.iter().map(|&row| column.values[row]).collect()));
+    of_schema.chain(further)
+}
+
+/// Share of the rows up to which the rows are left out where a column is empty; beyond it the column is.
+const FEW_EMPTY: f64 = 0.05;
+
+/// Rows without a value of a column that nearly all others have, told in notes.
+pub(super) fn lacking(
+    rows: &[usize],
+    named: &[Named<'_>],
+    extra: &[ExtraColumn],
+    notes: &mut Vec<String>,
+) -> HashSet<usize> {
+    let mut out = HashSet::new();
+    for (name, values) in numeric(rows, named, extra) {
+        let empty: Vec<usize> = (0..rows.len()).filter(|&k| values[k].is_nan()).map(|k| rows[k]).collect();
+        if !empty.is_empty() && empty.len() as f64 <= FEW_EMPTY * rows.len() as f64 {
+            notes.push(format!("{} rows are left out, in which the column `{name}` is empty", empty.len()));
+            out.extend(empty);
+        }
+    }
+    out
+}
+
+/// Adds covariates that are made of a table's own.
+///
+/// # Errors
+/// The table has a column of such a name.
+pub(super) fn add_made(
+    file: &Path,
+    all: &mut Vec<Covariate>,
+    made: Vec<Covariate>,
+) -> Result<(), InputError> {
+    let of_formulas = ["L", "F"];
+    let taken = |name: &str| of_formulas.contains(&name) || made.iter().any(|own| own.name == name);
+    if let Some(covariate) = all.iter().find(|covariate| taken(&covariate.name)) {
+        return Err(InputError::new(file, "has a column with the name of a quantity that is made of others")
+            .at(format!("column `{}`", covariate.name))
+            .expected("another name: formulas and figures read this one")
+            .help("rename the column"));
+    }
+    all.extend(made);
+    Ok(())
+}
+
 /// Numeric columns as covariates: those that the schema names, then further ones. `rows` are rows of the table in the
 /// data's order. A column with an empty cell is left out with a note.
 pub(super) fn covariates(
@@ -144,14 +201,8 @@ pub(super) fn covariates(
     extra: &[ExtraColumn],
     notes: &mut Vec<String>,
 ) -> Result<Vec<Covariate>, InputError> {
-    let columns = named
-        .iter()
-        .map(|(name, value)| (*name, rows.iter().map(|&row| value(row).unwrap_or(f64::NAN)).collect()))
-        .chain(extra.iter().map(|column| {
-            (column.name.as_str(), rows.iter().map(|&row| column.values[row]).collect::<Vec<f64>>())
-        }));
     let mut out = Vec::new();
-    for (name, values) in columns {
+    for (name, values) in numeric(rows, named, extra) {
         let empty = values.iter().filter(|value| value.is_nan()).count();
         if empty == 0 {
             out.push(Covariate { name: name.to_owned(), values });

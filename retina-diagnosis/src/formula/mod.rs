@@ -5,6 +5,7 @@ mod units;
 
 use std::ops::Range;
 
+pub use parse::column_text;
 pub(crate) use parse::{FormulaError, parse};
 pub(crate) use units::Unit;
 
@@ -240,6 +241,26 @@ mod tests {
             assert_eq!(read(text).unwrap_err().offset, offset, "{text}");
         }
         assert!(parse("lag(x, 9[s])", &["x"], &[]).unwrap_err().problem.contains("time_s"));
+    }
+
+    /// Names that are no words, or those of functions, stand in backquotes.
+    #[test]
+    fn any_column_can_be_named() {
+        for name in ["rel. humidity (%)", "exp", "2nd", "pi", "a, b", "lag"] {
+            let text = column_text(name).unwrap();
+            assert_eq!(text, format!("`{name}`"));
+            let formula = parse(&format!("2 * {text}"), &[name, "time_s"], &[]).unwrap();
+            assert_eq!(formula.evaluate(|_| 3.0, &[]).0, 6.0);
+            let lagged = column_text(&crate::lag_name(name, 9.0)).unwrap();
+            let reads = parse(&lagged, &[name, "time_s"], &[]).unwrap().reads().collect::<Vec<_>>();
+            assert_eq!(reads, [Read { column: 0, lag_s: Some(9.0) }]);
+        }
+        assert_eq!(column_text("temperature_c").as_deref(), Some("temperature_c"));
+        assert_eq!(column_text("a`b"), None);
+        let wrong = |text: &str| parse(text, &["humidity"], &[]).unwrap_err();
+        assert_eq!((wrong("1 + `humidty`").offset, wrong("1 + `humidty`").length), (4, 9));
+        assert!(wrong("1 + `humidty`").help.unwrap().contains("`humidity`"));
+        assert_eq!(wrong("1 + `humidity").offset, 4);
     }
 
     #[test]

@@ -5,6 +5,8 @@ use std::ops::Range;
 use retina_files::nearest;
 
 use super::units::Unit;
+use crate::following::{lag_name, of_lag_name};
+
 use super::{FUNCTIONS, Formula, Op, Read};
 
 /// What does not fit, and where in the formula (bytes).
@@ -28,6 +30,29 @@ struct Parser<'t> {
 
 /// The function of a column that follows it with a delay: `lag(temperature_c, 900[s])`.
 const LAG: &str = "lag";
+
+/// What stands before and behind a column's name that could be read as something else: `` `rel. humidity` ``.
+const QUOTE: char = '`';
+
+/// Whether a column's name needs no quotes in formulas.
+fn is_plain(name: &str) -> bool {
+    let first = name.chars().next();
+    let taken = |name: &str| name == LAG || name == "pi" || FUNCTIONS.iter().any(|(n, _)| *n == name);
+    first.is_some_and(|c| c.is_alphabetic() || c == '_')
+        && name.chars().all(|c| c.is_alphanumeric() || c == '_')
+        && !taken(name)
+}
+
+/// A column's name as formulas write it; `None` of one that has a backquote itself.
+pub fn column_text(name: &str) -> Option<String> {
+    if let Some((column, tau_s)) = of_lag_name(name) {
+        return Some(lag_name(&column_text(column)?, tau_s));
+    }
+    match is_plain(name) {
+        true => Some(name.to_owned()),
+        false => (!name.contains(QUOTE)).then(|| format!("{QUOTE}{name}{QUOTE}")),
+    }
+}
 
 /// Deepest nesting: a limit that no honest formula meets keeps the stack whole.
 const DEEPEST: usize = 100;
@@ -121,6 +146,11 @@ impl Parser<'_> {
             }
             Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
             Some(c) if c.is_alphabetic() || c == '_' => self.name(),
+            Some(QUOTE) => {
+                let (column, place) = self.column()?;
+                self.push(Op::Column(Read { column, lag_s: None }), place);
+                Ok(())
+            }
             _ => Err(self.wrong("a number, a name or `(` is expected here", 1)),
         }
     }
@@ -169,6 +199,36 @@ impl Parser<'_> {
         self.at = start + length + 1;
         self.push(Op::Unit(unit), start..start + length + 1);
         Ok(())
+    }
+
+    /// A column's name, in quotes or without, and its place.
+    fn column(&mut self) -> Result<(usize, Range<usize>), FormulaError> {
+        let rest = &self.text[self.at..];
+        let (name, length) = match rest.strip_prefix(QUOTE) {
+            Some(quoted) => {
+                let Some(end) = quoted.find(QUOTE) else {
+                    return Err(
+                        self.wrong("a second backquote is missing behind the column's name", rest.len())
+                    );
+                };
+                (&quoted[..end], end + 2 * QUOTE.len_utf8())
+            }
+            None => {
+                let length = rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len());
+                (&rest[..length], length)
+            }
+        };
+        let Some(column) = self.columns.iter().position(|column| *column == name) else {
+            let mut error = self.wrong(&format!("`{name}` is no column"), length.max(1));
+            error.help = Some(match nearest(name, self.columns.iter().copied()) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => format!("columns here: {}", self.columns.join(", ")),
+            });
+            return Err(error);
+        };
+        let place = self.at..self.at + length;
+        self.at += length;
+        Ok((column, place))
     }
 
     fn name(&mut self) -> Result<(), FormulaError> {
@@ -221,15 +281,18 @@ impl Parser<'_> {
         self.peek();
         self.at += 1;
         self.peek();
-        let rest = &self.text[self.at..];
-        let length = rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len());
-        let Some(column) = self.columns.iter().position(|name| *name == &rest[..length]) else {
-            return Err(expected(self.wrong("a column is expected here: what is followed", length.max(1))));
-        };
+        let (column, place) = self.column().map_err(|error| {
+            expected(FormulaError {
+                problem: "a column is expected here: what is followed".to_owned(),
+                ..error
+            })
+        })?;
         if !self.columns.contains(&"time_s") {
-            return Err(self.wrong("a lag needs the table's column `time_s`, which is not there", length));
+            self.at = place.start;
+            return Err(
+                self.wrong("a lag needs the table's column `time_s`, which is not there", place.len())
+            );
         }
-        self.at += length;
         if self.peek() != Some(',') {
             return Err(expected(self.wrong("`,` is expected here, and a time constant behind it", 1)));
         }

@@ -128,6 +128,17 @@ pub fn diagnose_page(data: &Dataset, added: &[AddedEffect], result: &Diagnosis, 
 
 /// What was fitted, and what it leaves.
 pub fn fit_page(data: &Dataset, added: &[AddedEffect], result: &Fit) -> Page {
+    fit_page_under(data, added, result, &title("Fit", added), None)
+}
+
+/// The same under a title, and a card, of one's own.
+pub fn fit_page_under(
+    data: &Dataset,
+    added: &[AddedEffect],
+    result: &Fit,
+    title: &str,
+    card: Option<Section>,
+) -> Page {
     let steps: Vec<(String, f64)> = result.steps.iter().map(step_error).collect();
     let parameters: Vec<Vec<String>> = result
         .parameters
@@ -155,8 +166,8 @@ pub fn fit_page(data: &Dataset, added: &[AddedEffect], result: &Fit) -> Page {
         })
         .collect();
     let (before, after) = (View::of(data, &[]), View::of(data, added));
-    let page = Page::new("fit", &title("Fit", added))
-        .section(card::fitted(data, added, result, &after))
+    let page = Page::new("fit", title)
+        .section(card.unwrap_or_else(|| card::fitted(data, added, result, &after)))
         .section(Section::new("Errors before and after").figures(
             &before_and_after(data, &steps, result.noise.floor(), &before, Some(&after)),
             ladder_caption(data),

@@ -201,6 +201,14 @@ fn pictures_are_small() {
     let bytes = std::fs::metadata(moon.path("page.html")).unwrap().len();
     println!("page {bytes} bytes");
     assert!(bytes < 1_000_000, "{bytes}");
+    // A model that leaves nothing predicts what was measured.
+    let perfect = set.pictures_of_fit("with everything", &vec![0.0; data.len()]);
+    assert!(perfect.contains("with everything: predicted"));
+    let pictures: Vec<&str> =
+        perfect.split("data:image/png;base64,").skip(1).map(|png| &png[..2000]).collect();
+    assert_eq!(pictures.len(), 9);
+    assert_eq!(pictures[7], pictures[1]);
+    assert_ne!(pictures[0], pictures[1]);
 }
 
 /// East and west exchanged: refused, with the mend; the smooth ball that registration begins with cannot tell.

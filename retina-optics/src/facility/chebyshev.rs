@@ -51,6 +51,17 @@ impl<const F: usize> Chebyshev2<F> {
         Ok(Self { half, nodes, coefficients })
     }
 
+    /// The sum of tables on one rectangle, each times its weight.
+    pub(super) fn weighted_sum(tables: &[Self], weights: &[f64]) -> Self {
+        let mut out = tables[0].clone();
+        out.coefficients.iter_mut().flatten().for_each(|c| *c = 0.0);
+        for (table, weight) in tables.iter().zip(weights) {
+            let values = table.coefficients.iter().flatten();
+            out.coefficients.iter_mut().flatten().zip(values).for_each(|(c, v)| *c += weight * v);
+        }
+        out
+    }
+
     /// T_0 .. T_n-1 and their derivatives at u.
     fn basis(&self, u: f64) -> ([f64; MOST_NODES], [f64; MOST_NODES]) {
         let (mut t, mut d) = ([0.0; MOST_NODES], [0.0; MOST_NODES]);

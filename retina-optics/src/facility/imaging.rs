@@ -10,6 +10,8 @@
 //!
 //! Screen points are in the display's axes (see [`super`]), mm from the axis.
 
+use std::sync::{Arc, PoisonError, RwLock};
+
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -106,9 +108,24 @@ pub struct Imaging {
     options: ImagingOptions,
     pupil_radius_mm: f64,
     /// Index: defocus node * wavelength nodes + wavelength node.
-    tables: Vec<Chebyshev2<WAVEFRONT_TERMS>>,
+    tables: Vec<Table>,
+    lines: Lines,
     errors: ImagingErrors,
 }
+
+/// Wavefronts over the screen.
+type Table = Chebyshev2<WAVEFRONT_TERMS>;
+
+/// Tables of wavelengths that were asked for, each one a defocus node: a source has few lines, and is looked at in many
+/// places.
+#[derive(Debug, Clone, Default)]
+struct Lines(Arc<RwLock<Vec<Line>>>);
+
+/// A wavelength, nm, with its tables.
+type Line = (f64, Arc<Vec<Table>>);
+
+/// Wavelengths whose tables are kept.
+const MOST_LINES: usize = 64;
 
 /// Solves for the rays that join pupil points with screen points.
 struct Joiner<'a> {
@@ -118,6 +135,44 @@ struct Joiner<'a> {
 
 /// Distance from the wanted point of the screen at which a ray has arrived, mm.
 const ARRIVED_MM: f64 = 1e-11;
+
+/// A ray on its way to a screen point.
+#[derive(Clone, Copy)]
+struct Joined {
+    /// Its tangents at the pupil.
+    tan: [f64; 2],
+    /// Their last step, and by how much the ray missed before it, mm.
+    step: [f64; 2],
+    miss: [f64; 2],
+    /// Derivatives of the tangents by the landing place.
+    inverse: [[f64; 2]; 2],
+}
+
+/// A matrix times a vector.
+fn times([[a, b], [c, d]]: [[f64; 2]; 2], [x, y]: [f64; 2]) -> [f64; 2] {
+    [a * x + b * y, c * x + d * y]
+}
+
+impl Joined {
+    /// A step towards the screen point that is missed. What the last step did corrects the derivatives: with s the step,
+    /// y the way on the screen and B the derivatives, B becomes B + (s - B y) s^T B / (s^T B y).
+    fn advance(&mut self, miss: [f64; 2], stepped: bool) {
+        if stepped {
+            let [s, way] = [self.step, [self.miss[0] - miss[0], self.miss[1] - miss[1]]];
+            let predicted = times(self.inverse, way);
+            let [[a, b], [c, d]] = self.inverse;
+            let row = [s[0] * a + s[1] * c, s[0] * b + s[1] * d];
+            let by = row[0] * way[0] + row[1] * way[1];
+            if by != 0.0 {
+                let off = [(s[0] - predicted[0]) / by, (s[1] - predicted[1]) / by];
+                self.inverse = [0, 1].map(|i| [0, 1].map(|j| self.inverse[i][j] + off[i] * row[j]));
+            }
+        }
+        self.step = times(self.inverse, miss);
+        self.miss = miss;
+        self.tan = [self.tan[0] + self.step[0], self.tan[1] + self.step[1]];
+    }
+}
 
 impl Joiner<'_> {
     /// Where the rays land, in the display's axes.
@@ -138,8 +193,8 @@ impl Joiner<'_> {
             .collect()
     }
 
-    /// Tangents at the pupil points of the rays to a screen point, by Newton's method with the
-    /// derivatives of the chief ray for all.
+    /// Tangents at the pupil points of the rays to a screen point, by Broyden's method from the derivatives of the chief
+    /// ray (C. G. Broyden, Mathematics of Computation 19, 1965).
     fn join(&self, pupil: &[[f64; 2]], screen_mm: [f64; 2]) -> Result<Vec<[f64; 2]>, OpticsError> {
         let h = 1e-4;
         let slope = |tan: [f64; 2]| {
@@ -148,30 +203,37 @@ impl Joiner<'_> {
             let [b, d] = [0, 1].map(|k| (landed[2][k] - landed[0][k]) / h);
             Ok::<_, OpticsError>((landed[0], [[a, b], [c, d]]))
         };
-        let step = |[[a, b], [c, d]]: [[f64; 2]; 2], miss: [f64; 2]| {
+        let inverse = |[[a, b], [c, d]]: [[f64; 2]; 2]| {
             let det = a * d - b * c;
-            [(d * miss[0] - b * miss[1]) / det, (a * miss[1] - c * miss[0]) / det]
+            [[d / det, -b / det], [-c / det, a / det]]
         };
         let mut chief = [0.0; 2];
         let mut jacobian = [[0.0; 2]; 2];
         for _ in 0..4 {
             let (landed, here) = slope(chief)?;
-            let d = step(here, [screen_mm[0] - landed[0], screen_mm[1] - landed[1]]);
+            let d = times(inverse(here), [screen_mm[0] - landed[0], screen_mm[1] - landed[1]]);
             chief = [chief[0] + d[0], chief[1] + d[1]];
             jacobian = here;
         }
-        let mut tans = vec![chief; pupil.len()];
-        for _ in 0..40 {
+        let mut rays: Vec<Joined> =
+            vec![
+                Joined { tan: chief, step: [0.0; 2], miss: [0.0; 2], inverse: inverse(jacobian) };
+                pupil.len()
+            ];
+        for iteration in 0..40 {
             let mut worst: f64 = 0.0;
-            let landed = self.land(pupil, &tans)?;
-            for (tan, landed) in tans.iter_mut().zip(landed) {
+            let tans: Vec<[f64; 2]> = rays.iter().map(|ray| ray.tan).collect();
+            for (ray, landed) in rays.iter_mut().zip(self.land(pupil, &tans)?) {
                 let miss = [screen_mm[0] - landed[0], screen_mm[1] - landed[1]];
-                worst = worst.max(miss[0].hypot(miss[1]));
-                let d = step(jacobian, miss);
-                *tan = [tan[0] + d[0], tan[1] + d[1]];
+                let square = miss[0] * miss[0] + miss[1] * miss[1];
+                worst = worst.max(square);
+                // Where a ray has arrived, a step is rounding and says nothing of derivatives.
+                if square >= ARRIVED_MM * ARRIVED_MM {
+                    ray.advance(miss, iteration > 0);
+                }
             }
-            if worst < ARRIVED_MM {
-                return Ok(tans);
+            if worst < ARRIVED_MM * ARRIVED_MM {
+                return Ok(rays.into_iter().map(|ray| ray.tan).collect());
             }
         }
         Err(OpticsError::Undefined(format!(
@@ -250,6 +312,7 @@ impl Imaging {
             options,
             pupil_radius_mm,
             tables: Vec::new(),
+            lines: Lines::default(),
             errors: Default::default(),
         };
         let cells: Vec<(f64, f64)> = imaging
@@ -338,15 +401,32 @@ impl Imaging {
     /// The wavefront of a screen point at a wavelength (nm), the screen standing `defocus_mm` behind the
     /// system's image surface. Outside the tabulated ranges the result has no meaning.
     pub fn wavefront(&self, screen_mm: [f64; 2], wavelength_nm: f64, defocus_mm: f64) -> Wavefront {
-        let colours = weights(&self.wavelength_nodes(), wavelength_nm);
+        let tables = self.line(wavelength_nm);
         let depths = weights(&self.defocus_nodes(), defocus_mm);
         let mut coefficients_mm = [0.0; WAVEFRONT_TERMS];
-        for (cell, table) in self.tables.iter().enumerate() {
-            let weight = colours[cell % colours.len()] * depths[cell / colours.len()];
+        for (table, weight) in tables.iter().zip(depths) {
             let values = table.at(screen_mm);
             coefficients_mm.iter_mut().zip(values).for_each(|(c, v)| *c += weight * v);
         }
         Wavefront { coefficients_mm, pupil_radius_mm: self.pupil_radius_mm }
+    }
+
+    /// The tables of a wavelength.
+    fn line(&self, wavelength_nm: f64) -> Arc<Vec<Table>> {
+        let find = |known: &[Line]| {
+            known.iter().find(|(nm, _)| *nm == wavelength_nm).map(|(_, tables)| Arc::clone(tables))
+        };
+        if let Some(known) = find(&self.lines.0.read().unwrap_or_else(PoisonError::into_inner)) {
+            return known;
+        }
+        let colours = weights(&self.wavelength_nodes(), wavelength_nm);
+        let of_depth = |tables: &[Table]| Table::weighted_sum(tables, &colours);
+        let made = Arc::new(self.tables.chunks(colours.len()).map(of_depth).collect());
+        let mut known = self.lines.0.write().unwrap_or_else(PoisonError::into_inner);
+        if find(&known).is_none() && known.len() < MOST_LINES {
+            known.push((wavelength_nm, Arc::clone(&made)));
+        }
+        made
     }
 
     /// Which cells of the pupil the apertures leave to a wavefront of this system, on a grid of `side` cells
