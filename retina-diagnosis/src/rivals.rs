@@ -20,6 +20,7 @@ use crate::data::Dataset;
 use crate::linear::{Basis, dot};
 use crate::noise::{Weights, robust_fit};
 use crate::own::evaluate;
+use crate::scatter::noise;
 use crate::score::Frame;
 
 /// A model that may be the true one.
@@ -147,6 +148,9 @@ impl<'a> Rivals<'a> {
         for rival in rivals {
             check_effects(data, &rival.effects)?;
         }
+        // A mount that wanders looks like whatever changes with time.
+        let wander = noise(data).map_or(0.0, |noise| noise.wander);
+        let data = &Dataset { wander, ..data.clone() };
         let all: Vec<Adjusted> = rivals.par_iter().map(|rival| adjusted(data, &rival.effects)).collect();
         let mut columns: Vec<Vec<f64>> = data.baseline_terms().iter().map(|term| data.column(term)).collect();
         for fit in &all {

@@ -288,7 +288,8 @@ impl Rounds<'_> {
         let Sought { columns, whole, .. } = sought;
         let search = sought.search(Part::Whole, whole);
         let left = halves.left(Part::Whole, &finite(judged[0].form.evaluate(whole, columns)));
-        let scored: Vec<Scored> = search.refined_anew(&left, judged.iter().map(|j| j.form.clone()).collect());
+        let forms = with_all_delays(judged.iter().map(|judged| judged.form.clone()).collect(), columns);
+        let scored: Vec<Scored> = search.refined_anew(&left, forms);
         let Some((best, errors)) = simplest(&left, &search, &scored) else { return Ok(None) };
         let own = &scored[best].form;
         let evaluated = finite(own.evaluate(whole, columns));
@@ -466,6 +467,29 @@ impl Rounds<'_> {
         };
         model.iter().filter(ours).all(near)
     }
+}
+
+/// Forms, and each that has a delay with all others behind the same column: only then is it known which ones the data do
+/// not tell apart.
+fn with_all_delays(forms: Vec<Form>, columns: &[Column]) -> Vec<Form> {
+    let mut out = forms.clone();
+    for form in &forms {
+        for (k, factor) in form.factors.iter().enumerate() {
+            let own = &columns[factor.column];
+            if own.follows.is_none() {
+                continue;
+            }
+            for (other, column) in columns.iter().enumerate() {
+                let mut variant = form.clone();
+                variant.factors[k].column = other;
+                let delays = column.follows.is_some() && column.source() == own.source();
+                if delays && !out.iter().any(|known| known.family() == variant.family()) {
+                    out.push(variant);
+                }
+            }
+        }
+    }
+    out
 }
 
 /// Whether a catalogued effect does as well as a formula: units left out do not tell them apart, or the formula's merit is
