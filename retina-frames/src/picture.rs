@@ -14,7 +14,8 @@ const MOST_IMAGES: usize = 3;
 
 /// What [`FrameSet::pictures`] shows, in words.
 pub const PICTURES_CAPTION: &str = "One row for each state, from the baseline on. The best prediction has all the usual \
-    effects: map, relief, law, blur, glare, response. In the errors, purple is darker than predicted and orange is \
+    effects: map, relief, law, blur, glare, response. With the formulas stands the whole model of an investigation. In \
+    the errors, purple is darker than predicted and orange is \
     brighter; white pixels do not count. The errors of all states share one scale.";
 
 /// What is predicted of an image, and measured less that: one value for each bin of its window.
