@@ -4,11 +4,12 @@ use std::collections::HashMap;
 use std::hash::Hash;
 use std::sync::{Arc, PoisonError, RwLock};
 
-use retina_diagnosis::{Dataset, column_text, lag_name, unit_of_column};
+use retina_diagnosis::{Dataset, column_text, unit_of_column};
 use retina_formats::TableKind;
 
+use crate::delays::delayed;
 use crate::direction::Direction;
-use crate::form::{Factor, Form};
+use crate::form::Factor;
 use crate::law::Law;
 
 /// What a column's values are.
@@ -206,70 +207,12 @@ pub(crate) fn columns(data: &Dataset) -> Vec<Column> {
     }
     let own: Vec<Column> = names.into_iter().filter_map(|name| column(data, name, None)).collect();
     let numbers = own.iter().filter(|column| column.content == Content::Number);
-    let lagged: Vec<Column> = numbers
-        .filter(|column| !NEVER_FOLLOWED.contains(&column.name.as_str()))
-        .flat_map(|column| delays_s(data, column).into_iter().map(|tau_s| (column.name.clone(), tau_s)))
-        .filter_map(|(source, tau_s)| column(data, lag_name(&source, tau_s), Some((source, tau_s))))
-        .collect();
+    let lagged: Vec<Column> = numbers.flat_map(|column| delayed(data, column)).collect();
     own.into_iter().chain(lagged).collect()
 }
 
-/// Time itself, and how long light fell: nothing follows these with a delay.
-const NEVER_FOLLOWED: [&str; 2] = ["time_s", "exposure_s"];
-/// Most delays that are tried; each is so many times the one before.
-const MOST_DELAYS: usize = 6;
-const DELAY_STEP: f64 = 2.0;
-/// Delays between two of these, where one of them was found.
-const FINER: i32 = 8;
-
-/// Time constants with which something may follow a column: from two of its changes on, and as long as the table shows the
-/// end of it.
-fn delays_s(data: &Dataset, column: &Column) -> Vec<f64> {
-    let (Some(times), Some(values)) = (data.covariate("time_s"), data.readable(&column.name)) else {
-        return Vec::new();
-    };
-    let mut all: Vec<(f64, f64)> = times.values.iter().copied().zip(values).collect();
-    if all.iter().any(|(time, value)| !time.is_finite() || !value.is_finite()) {
-        return Vec::new();
-    }
-    all.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let changes = all.windows(2).filter(|pair| pair[1].1 != pair[0].1).count();
-    let (Some(first), Some(last)) = (all.first(), all.last()) else { return Vec::new() };
-    let span = last.0 - first.0;
-    let shortest = 2.0 * span / changes.max(1) as f64;
-    std::iter::successors(Some(shortest), |tau_s| Some(DELAY_STEP * tau_s))
-        .take_while(|tau_s| *tau_s <= 0.25 * span)
-        .take(MOST_DELAYS)
-        .map(two_digits)
-        .collect()
-}
-
-/// The columns with further ones behind them: delays about those that some forms have.
-pub(crate) fn with_finer_delays<'f>(
-    data: &Dataset,
-    columns: &[Column],
-    forms: impl Iterator<Item = &'f Form>,
-) -> Vec<Column> {
-    let mut out = columns.to_vec();
-    for factor in forms.flat_map(|form| &form.factors) {
-        let Some((source, tau_s)) = &columns[factor.column].follows else { continue };
-        for step in (1 - FINER..FINER).filter(|step| *step != 0) {
-            let tau_s = two_digits(tau_s * DELAY_STEP.powf(f64::from(step) / f64::from(FINER)));
-            let name = lag_name(source, tau_s);
-            if !out.iter().any(|known| known.name == name) {
-                out.extend(column(data, name, Some((source.clone(), tau_s))));
-            }
-        }
-    }
-    out
-}
-
-/// A value to two digits.
-fn two_digits(value: f64) -> f64 {
-    format!("{value:.1e}").parse().unwrap_or(value)
-}
-
-fn column(data: &Dataset, name: String, follows: Option<(String, f64)>) -> Option<Column> {
+/// A column, or what follows one with a delay; none that does not vary, or has no text.
+pub(crate) fn column(data: &Dataset, name: String, follows: Option<(String, f64)>) -> Option<Column> {
     let mut sorted = data.readable(&name)?;
     let rows = sorted.len();
     sorted.retain(|value| value.is_finite());

@@ -8,7 +8,8 @@ use retina_diagnosis::{
 use retina_files::InputError;
 use retina_formats::TableKind;
 
-use crate::columns::{Column, Table, columns, with_finer_delays};
+use crate::columns::{Column, Table, columns};
+use crate::delays::{with_all_delays, with_finer_delays};
 use crate::form::Form;
 use crate::half::{InHalf, Judge, Sought};
 use crate::outcome::{Formula, Investigation, KnownEffect, Term, Unproven, WeakEffect};
@@ -467,29 +468,6 @@ impl Rounds<'_> {
         };
         model.iter().filter(ours).all(near)
     }
-}
-
-/// Forms, and each that has a delay with all others behind the same column: only then is it known which ones the data do
-/// not tell apart.
-fn with_all_delays(forms: Vec<Form>, columns: &[Column]) -> Vec<Form> {
-    let mut out = forms.clone();
-    for form in &forms {
-        for (k, factor) in form.factors.iter().enumerate() {
-            let own = &columns[factor.column];
-            if own.follows.is_none() {
-                continue;
-            }
-            for (other, column) in columns.iter().enumerate() {
-                let mut variant = form.clone();
-                variant.factors[k].column = other;
-                let delays = column.follows.is_some() && column.source() == own.source();
-                if delays && !out.iter().any(|known| known.family() == variant.family()) {
-                    out.push(variant);
-                }
-            }
-        }
-    }
-    out
 }
 
 /// Whether a catalogued effect does as well as a formula: units left out do not tell them apart, or the formula's merit is

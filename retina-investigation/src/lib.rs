@@ -9,6 +9,7 @@
 #[path = "../../retina-diagnosis/tests/common/mod.rs"]
 mod campaign;
 mod columns;
+mod delays;
 mod direction;
 mod form;
 mod half;

@@ -77,6 +77,11 @@ pub struct Term {
 }
 
 impl Term {
+    /// Name of the k-th of its rivals, counted from 0.
+    pub(crate) fn rival_name(&self, k: usize) -> String {
+        format!("{}_rival_{}", self.name, k + 1)
+    }
+
     /// The formula itself, then those that the data cannot tell from it.
     pub fn formulas(&self) -> Vec<Formula> {
         let own = Formula {
@@ -88,7 +93,7 @@ impl Term {
             known: None,
         };
         let rival = |(k, rival): (usize, &Rival)| Formula {
-            name: format!("{}_rival_{}", self.name, k + 1),
+            name: self.rival_name(k),
             effect: rival.effect.clone(),
             columns: rival.covariates.clone(),
             complexity: rival.complexity,

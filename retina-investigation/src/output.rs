@@ -86,8 +86,8 @@ pub fn investigation_text(data: &Dataset, result: &Investigation) -> Vec<String>
                 100.0 * share
             ));
         }
-        for (number, rival) in term.rivals.iter().enumerate() {
-            out.extend(rival_text(&format!("{}_rival_{}", term.name, number + 1), rival, unit));
+        for (k, rival) in term.rivals.iter().enumerate() {
+            out.extend(rival_text(&term.rival_name(k), rival, unit));
         }
         for origin in &term.words.origins {
             out.push(format!("  may be: {}", origin.mechanism));

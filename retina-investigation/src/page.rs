@@ -55,7 +55,7 @@ fn card(data: &Dataset, result: &Investigation) -> Section {
         ));
         answers.push(("How sure", format!("on the other half of the groups {}", proof_text(&term.proof))));
         if !term.rivals.is_empty() {
-            let names: Vec<String> = term.formulas().into_iter().skip(1).map(|rival| rival.name).collect();
+            let names: Vec<String> = (0..term.rivals.len()).map(|k| term.rival_name(k)).collect();
             answers.push(("Not told apart from", names.join(", ")));
         }
     }
@@ -119,10 +119,10 @@ fn term_section(data: &Dataset, before: &[AddedEffect], term: &Term) -> Section 
         .rivals
         .iter()
         .enumerate()
-        .map(|(number, rival)| {
+        .map(|(k, rival)| {
             let at = rival.differs_at.iter().map(|(name, value)| format!("{name} = {}", short(*value)));
             vec![
-                format!("{}_rival_{}", term.name, number + 1),
+                term.rival_name(k),
                 formula_lines(&rival.effect).join("; "),
                 format!("{} {}", short(rival.difference_rms), data.kind.unit()),
                 at.collect::<Vec<_>>().join(", "),

@@ -102,9 +102,8 @@ impl Search<'_> {
             part[k] = 0.0;
             columns.push(slope.unwrap_or_else(|| vec![0.0; here.len()]));
         }
-        let [before, with] = [columns[..own].to_vec(), columns].map(|columns| left.scores(&[columns]));
-        let (before, with) = (before.first()?, with.first()?);
-        if with.statistic - before.statistic < ENOUGH {
+        let with = left.scores(&[columns]).pop()?;
+        if with.statistic - from.statistic < ENOUGH {
             return None;
         }
         let step = &with.amplitudes[own..];

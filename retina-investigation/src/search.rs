@@ -35,6 +35,8 @@ pub(crate) struct Scored {
     pub(crate) form: Form,
     /// What it takes off the sum of squares, less what as many columns and shapes take off noise.
     pub(crate) merit: f64,
+    /// What it takes off the sum of squares.
+    pub(crate) statistic: f64,
     pub(crate) amplitudes: Vec<f64>,
 }
 
@@ -303,6 +305,7 @@ impl Search<'_> {
                         merit: score.merit()
                             - score.values.ln() * form.free_shapes() as f64
                             - charge_of_law * form.factors.len() as f64,
+                        statistic: score.statistic,
                         amplitudes: score.amplitudes,
                     })
                     .collect::<Vec<_>>()

@@ -7,7 +7,8 @@ use retina_files::InputError;
 use retina_formats::{Channel, PhaseTable, TableKind};
 
 use super::read::{
-    Baseline, Named, Source, add_made, bits, bits_of, covariates, first_file, lacking, repeated, stated,
+    Baseline, Named, Source, add_made, bits, bits_of, covariates, first_file, leave_out_lacking, repeated,
+    stated,
 };
 use super::{Covariate, Dataset, DisplayDepth, Flip, Group, RowFrame};
 
@@ -43,9 +44,7 @@ pub(super) fn read(_source: &Source<'_>, table: &PhaseTable) -> Result<Dataset, 
     let row = |at: usize| &table.rows[at];
     let named: [Named<'_>; 2] =
         [("phase_deg", &|at| Some(row(at).phase_deg)), ("airmass", &|at| row(at).airmass)];
-    let all: Vec<usize> = groups.values().flatten().copied().collect();
-    let lacking = lacking(&all, &named, &table.extra, &mut notes);
-    groups.values_mut().for_each(|rows| rows.retain(|row| !lacking.contains(row)));
+    leave_out_lacking(groups.values_mut(), &named, &table.extra, &mut notes);
     groups.retain(|_, rows| !rows.is_empty());
     let order: Vec<usize> = groups.values().flatten().copied().collect();
     let (mut phase, mut y, mut frame) = (Vec::new(), Vec::new(), Vec::new());

@@ -9,7 +9,7 @@ use retina_formats::{
 };
 use retina_geometry::{ARCSEC_PER_RAD, LensModel, Pinhole};
 
-use super::read::{Baseline, Named, Source, add_made, covariates, first_file, lacking, stated};
+use super::read::{Baseline, Named, Source, add_made, covariates, first_file, leave_out_lacking, stated};
 use crate::field::{Held, HeldModel};
 
 use super::copies::{exposures, leave_out_copies, refuse_constant, refuse_repeated};
@@ -253,9 +253,7 @@ pub(super) fn read(source: &Source<'_>, table: &PointsTable) -> Result<Dataset, 
         ("exposure_s", &|at| row(at).exposure_s),
         ("camera_roll_deg", &|at| row(at).camera_roll_deg),
     ];
-    let all: Vec<usize> = groups.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
-    let lacking = lacking(&all, &named, &table.extra, &mut notes);
-    groups.iter_mut().for_each(|(_, rows)| rows.retain(|row| !lacking.contains(row)));
+    leave_out_lacking(groups.iter_mut().map(|(_, rows)| rows), &named, &table.extra, &mut notes);
     groups.retain(|(_, rows)| !rows.is_empty());
     let order: Vec<usize> = groups.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
     if order.is_empty() {

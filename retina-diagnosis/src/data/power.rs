@@ -8,7 +8,8 @@ use retina_files::InputError;
 use retina_formats::{Channel, ChannelCurve, PowerRow, PowerTable, RadiometricCalibration, TableKind};
 
 use super::read::{
-    Baseline, Named, Source, add_made, bits, bits_of, covariates, first_file, lacking, repeated, stated,
+    Baseline, Named, Source, add_made, bits, bits_of, covariates, first_file, leave_out_lacking, repeated,
+    stated,
 };
 use crate::field::Held;
 use crate::linear::cholesky;
@@ -57,9 +58,7 @@ pub(super) fn read(source: &Source<'_>, table: &PowerTable) -> Result<Dataset, I
         ("time_s", &|at| row(at).time_s),
         ("temperature_c", &|at| row(at).temperature_c),
     ];
-    let all: Vec<usize> = groups.values().flatten().copied().collect();
-    let lacking = lacking(&all, &named, &table.extra, &mut notes);
-    groups.values_mut().for_each(|rows| rows.retain(|row| !lacking.contains(row)));
+    leave_out_lacking(groups.values_mut(), &named, &table.extra, &mut notes);
     groups.retain(|_, rows| !rows.is_empty());
     let order: Vec<usize> = groups.values().flatten().copied().collect();
     let file = first_file(&table.files);

@@ -153,22 +153,24 @@ fn numeric<'a>(
 /// Share of the rows up to which the rows are left out where a column is empty; beyond it the column is.
 const FEW_EMPTY: f64 = 0.05;
 
-/// Rows without a value of a column that nearly all others have, told in notes.
-pub(super) fn lacking(
-    rows: &[usize],
+/// Takes rows out of the groups where they have no value of a column that nearly all others have. Notes tell them.
+pub(super) fn leave_out_lacking<'g>(
+    groups: impl Iterator<Item = &'g mut Vec<usize>>,
     named: &[Named<'_>],
     extra: &[ExtraColumn],
     notes: &mut Vec<String>,
-) -> HashSet<usize> {
-    let mut out = HashSet::new();
-    for (name, values) in numeric(rows, named, extra) {
+) {
+    let mut groups: Vec<&mut Vec<usize>> = groups.collect();
+    let rows: Vec<usize> = groups.iter().flat_map(|rows| rows.iter().copied()).collect();
+    let mut lacking = HashSet::new();
+    for (name, values) in numeric(&rows, named, extra) {
         let empty: Vec<usize> = (0..rows.len()).filter(|&k| values[k].is_nan()).map(|k| rows[k]).collect();
         if !empty.is_empty() && empty.len() as f64 <= FEW_EMPTY * rows.len() as f64 {
             notes.push(format!("{} rows are left out, in which the column `{name}` is empty", empty.len()));
-            out.extend(empty);
+            lacking.extend(empty);
         }
     }
-    out
+    groups.iter_mut().for_each(|rows| rows.retain(|row| !lacking.contains(row)));
 }
 
 /// Adds covariates that are made of a table's own.
