@@ -221,7 +221,7 @@ fn rows_are_left_out_where_a_column_is_empty() {
     let few = read(&empty(40)).unwrap();
     assert_eq!(few.len(), read(&text).unwrap().len() - 10);
     assert!(few.covariate("humidity").is_some());
-    let note = "10 rows are left out, in which the column `humidity` is empty";
+    let note = "rows left out, since the column `humidity` is empty there: 10";
     assert!(few.notes.iter().any(|n| n == note), "{:?}", few.notes);
     let many = read(&empty(3)).unwrap();
     assert_eq!((many.len(), many.covariate("humidity").is_some()), (read(&text).unwrap().len(), false));

@@ -80,8 +80,7 @@ pub(crate) fn words(
         .partition(|name| own.iter().any(|own| correlation(data, own, name).abs() >= ONE_COLUMN));
     if !alike.is_empty() {
         says.push(format!(
-            "As well as of {} it may be of {}, which goes with it in a straight line: these data do not tell them apart.",
-            own.join(", "),
+            "It may as well depend on {}: in these data each changes together with one of its own columns.",
             alike.join(", ")
         ));
     }

@@ -166,7 +166,7 @@ pub(super) fn leave_out_lacking<'g>(
     for (name, values) in numeric(&rows, named, extra) {
         let empty: Vec<usize> = (0..rows.len()).filter(|&k| values[k].is_nan()).map(|k| rows[k]).collect();
         if !empty.is_empty() && empty.len() as f64 <= FEW_EMPTY * rows.len() as f64 {
-            notes.push(format!("{} rows are left out, in which the column `{name}` is empty", empty.len()));
+            notes.push(format!("rows left out, since the column `{name}` is empty there: {}", empty.len()));
             lacking.extend(empty);
         }
     }
