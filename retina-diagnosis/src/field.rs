@@ -97,6 +97,11 @@ impl HeldModel {
         Some(inverse.jacobian(self.sight[row], self.l[row]).inverse())
     }
 
+    /// Where the axis of the facility's lenses is seen, tangents: the centre of its rings, which their aberrations make.
+    pub(crate) fn lens_axis(&self) -> Option<DVec2> {
+        Some(self.inverse.as_ref()?.rings.as_ref()?.rings.center)
+    }
+
     /// Degree of its polynomial.
     pub(crate) fn degree(&self) -> u32 {
         self.degree

@@ -107,7 +107,7 @@ fn a_coma_between_those_traced_is_traced_anew() {
     };
     let coma_mm = 4.6e-4;
     let truth = Turning.coma_form(coma_mm).unwrap();
-    let seen = |p: &Point| lens(p) + coma_mm / 0.1413 * truth.moved(lens(p));
+    let seen = |p: &Point| lens(p) + coma_mm / 0.1413 * truth.moved(lens(p), DVec2::ZERO);
     let data = data_against(&setup, &calibration, 32, &seen).with_spot_shifts(lenses);
     let options = DiagnoseOptions { flips: 999, seed: 1 };
     let coma_um = |found: &Diagnosis| found.physical[0].as_ref().map(|own| [own.value, own.sigma]);

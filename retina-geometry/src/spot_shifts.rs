@@ -67,9 +67,11 @@ pub struct ComaForm {
 }
 
 impl ComaForm {
-    /// What the coma moves a line of sight (tangents) by, times u and over the coma, 1/mm.
-    pub fn moved(&self, sight: DVec2) -> DVec2 {
-        let r = sight.length();
+    /// What the coma moves a line of sight (tangents) by, times u and over the coma, 1/mm. The coma grows with the line of
+    /// sight; what it does to a spot goes by the distance from the axis of the facility's lenses, which may stand aside
+    /// (`axis`, tangents).
+    pub fn moved(&self, sight: DVec2, axis: DVec2) -> DVec2 {
+        let r = (sight - axis).length();
         let [cos, sin] = sight.normalize_or_zero().to_array();
         let [along, along_twice, across, across_twice] = self.round.map(|table| table.at(r));
         let outwards = self.tangent_per_coma.at(r) + along * cos + along_twice * (cos * cos - sin * sin);
@@ -185,7 +187,9 @@ fn even([a, b, c]: [f64; 3], r: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{DEPTHS_MM, RADIAL_KNOTS, RadialTable, SpotShifts};
+    use glam::DVec2;
+
+    use super::{ComaForm, DEPTHS_MM, RADIAL_KNOTS, RadialTable, SpotShifts};
 
     /// Against differences of the mapping itself, r h(r) = u h(0), solved by bisection.
     #[test]
@@ -217,6 +221,29 @@ mod tests {
                     assert!((found[axis][k] - slope).abs() < 1e-6, "{u:?}: {found:?}, {slope}");
                 }
             }
+        }
+    }
+
+    /// Coma grows from the boresight; what it does to spots goes by the distance from the lenses' axis.
+    #[test]
+    fn coma_moves_spots_by_their_distance_from_the_lenses_axis() {
+        let half_tan = 0.2;
+        let of = |r: f64| 3.0 + 40.0 * r * r;
+        let table = |of: &dyn Fn(f64) -> f64| {
+            RadialTable::new(half_tan, std::array::from_fn(|k| of(RadialTable::place(half_tan, k + 1))))
+        };
+        let (values, none) = (table(&of), table(&|_| 0.0));
+        let form = ComaForm {
+            coma_mm: 1e-4,
+            tangent_per_coma: values,
+            coma_per_depth: none,
+            beyond_proportion: none,
+            round: [none; 4],
+        };
+        let axis = DVec2::new(0.01, -0.02);
+        for sight in [DVec2::new(0.05, 0.1), DVec2::new(-0.12, 0.03)] {
+            let expected = sight * of((sight - axis).length());
+            assert!((form.moved(sight, axis) - expected).length() < 1e-9, "{sight}");
         }
     }
 

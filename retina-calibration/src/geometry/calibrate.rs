@@ -8,6 +8,7 @@ use retina_formats::{MeasuredResponse, PointsTable, ResponseRecord, measured_or_
 use retina_geometry::{CalibratedField, InverseDistortion, RingField, Setup};
 use retina_radiometry::magnitude_of_irradiance;
 
+use super::centre::{centred, rings_about};
 use super::checks::check;
 use super::direct::{self, DirectFit};
 use super::errors::{ErrorSummary, angle_arcsec};
@@ -251,9 +252,7 @@ fn too_few_points(observations: &Observations, degree: u32) -> Option<String> {
 
 /// Points that the first weights are found with: outliers and noise show in these as well as in more.
 const SAMPLE: usize = 12_000;
-/// Rings reach so much farther than the points: their slope ends at the last knot, which is to lie outside of the field.
-const RINGS_REACH: f64 = 1.02;
-/// Rings' centre is to be known to this part of their reach.
+/// The distortion's centre is to be known to this part of the rings' reach.
 const CENTRE_KNOWN: f64 = 0.01;
 
 /// Weights of all points from robust fits to a sample of them, and where rings may be. A step in the distortion that no
@@ -272,15 +271,19 @@ fn first_weights(
     let (mut weights, mut coefficients) =
         robust_weights(&sample, &groups, &domain.basis(form), &rounds, start)?;
     domain.rings = PhysicalFit::fit(&sample, &sample.undistorted, &weights).and_then(|physical| {
-        let reach = |r: &DVec2| (*r - physical.center).length();
-        let radius = RINGS_REACH * observations.sight.iter().map(reach).fold(0.0, f64::max);
-        (physical.center_sigma.max_element() < CENTRE_KNOWN * radius).then_some((physical.center, radius))
+        let (center, radius) = rings_about(physical.center, observations);
+        (physical.center_sigma.max_element() < CENTRE_KNOWN * radius).then_some((center, radius))
     });
     let ringed = ModelForm { rings: select::RINGS, ..form };
     if domain.rings.is_some() && select::bears(&sample, &ringed) {
         form = ringed;
         let again = [Robust::Huber, Robust::Tukey, Robust::Cut];
         (weights, coefficients) = robust_weights(&sample, &groups, &domain.basis(form), &again, weights)?;
+        let moved = centred(&sample, observations, &groups, domain, form, &weights);
+        if moved.rings != domain.rings {
+            domain = moved;
+            (weights, coefficients) = robust_weights(&sample, &groups, &domain.basis(form), &again, weights)?;
+        }
     }
     if sample.len() == observations.len() {
         return Some((weights, domain));

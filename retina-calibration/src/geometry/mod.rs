@@ -9,6 +9,7 @@
 //! pixel at full count.
 
 mod calibrate;
+mod centre;
 mod checks;
 mod direct;
 mod errors;

@@ -16,7 +16,8 @@ fn plane_gain(data: &Dataset, x: f64, y: f64, power: i32) -> f64 {
         let r = data.half_tan * x.hypot(y);
         let height = rays.height_over_tangent_mm(r) / rays.height_over_tangent_mm(0.0);
         let depth_mm = depth_mm(data, &rays, data.display_depth, [x, y]);
-        height.powi(power) * rays.tangent_per_depth(r, depth_mm) / rays.tangent_per_depth(0.0, 0.0)
+        let from_axis = data.from_axis(DVec2::new(x, y));
+        height.powi(power) * rays.tangent_per_depth(from_axis, depth_mm) / rays.tangent_per_depth(0.0, 0.0)
     })
 }
 
@@ -80,12 +81,12 @@ fn coma_forms(data: &Dataset, rays: &ComaShifts) -> Vec<ComaForm> {
 
 /// A table's arcsec per um over the place, where it is in halves of the camera's width.
 fn per_um(data: &Dataset, table: &RadialTable, place: DVec2) -> f64 {
-    1e-3 * ARCSEC_PER_RAD * table.at(data.half_tan * place.length())
+    1e-3 * ARCSEC_PER_RAD * table.at(data.from_axis(place))
 }
 
 /// What 1 um of coma moves a place by, arcsec.
 fn moved_by(data: &Dataset, form: &ComaForm, place: DVec2) -> DVec2 {
-    1e-3 * ARCSEC_PER_RAD * form.moved(data.half_tan * place) / data.half_tan
+    1e-3 * ARCSEC_PER_RAD * form.moved(data.half_tan * place, data.lens_axis()) / data.half_tan
 }
 
 /// Coma that grows with the field, um at half the camera's width: a form for each of the comas that were traced, since
@@ -151,10 +152,10 @@ fn steady_shift(data: &Dataset, rays: ComaShifts) -> Vec<Variant<'_>> {
         Term::new(name, move |i| {
             let coma = DVec2::from_angle(data.roll_rad[data.mounting[i]]).rotate(axis);
             let place = DVec2::new(x[i], y[i]);
-            let r = data.half_tan * place.length();
+            let r = data.from_axis(place);
             let [along, across] =
                 rays.tangent_per_even_coma.map(|per_mm| 1e-3 * ARCSEC_PER_RAD * per_mm.at(r));
-            let radius = place.normalize_or_zero();
+            let radius = (data.half_tan * place - data.lens_axis()).normalize_or_zero();
             (across * coma + (along - across) * coma.dot(radius) * radius).to_array()
         })
     };

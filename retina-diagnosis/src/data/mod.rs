@@ -18,7 +18,7 @@ use std::sync::{Arc, OnceLock};
 
 pub(crate) use frames::term as pixel_term;
 pub use frames::{MOST_PIXELS, Measure, PixelColumn, PixelEffect, PixelForm, PixelPart, Pixels, Placement};
-use glam::DMat2;
+use glam::{DMat2, DVec2};
 pub(crate) use lens::longer_focal;
 pub use lens::{FittedLens, lens_of_fit};
 pub(crate) use phase::lambert_magnitude;
@@ -202,6 +202,21 @@ impl Dataset {
     /// Number of rows.
     pub fn len(&self) -> usize {
         self.order.len()
+    }
+
+    /// Where the axis of the facility's lenses is seen, tangents: as a calibration that is held tells it, else on the
+    /// boresight.
+    pub(crate) fn lens_axis(&self) -> DVec2 {
+        let of_rings = |held: &Held| match held {
+            Held::Geometry(model) => model.lens_axis(),
+            Held::Response(_) => None,
+        };
+        self.held.as_ref().and_then(of_rings).unwrap_or_default()
+    }
+
+    /// Distance of a place (halves of the camera's width) from that axis, tangents.
+    pub(crate) fn from_axis(&self, place: DVec2) -> f64 {
+        (self.half_tan * place - self.lens_axis()).length()
     }
 
     /// The same data of a facility whose lenses are known: effects of the display's place have the forms that its lenses
