@@ -53,6 +53,7 @@ pub(crate) fn rank(
         open.iter().map(|&i| all.by_ref().take(prepared[i].columns.len()).collect()).collect();
     let borrowed: Vec<Vec<&Score>> = scores.iter().map(|variants| variants.iter().collect()).collect();
     let p = p_values(&borrowed, flips);
+    frame.make_folds();
     let mut out: Vec<Ranked> = open
         .par_iter()
         .zip(&scores)

@@ -346,35 +346,45 @@ impl<'d> Frame<'d> {
     }
 
     /// Parts of the units with what the base needs for leaving them out.
+    ///
+    /// They are made outside of the lock. A thread that held it while it waits for its share of the work could take up
+    /// another task that asks for them, and would wait for itself.
     fn folds(&self) -> &[Fold] {
-        self.folds.get_or_init(|| {
-            folds(self.units.count)
-                .into_par_iter()
-                .map(|units| {
-                    let ranges: Vec<_> = units
-                        .iter()
-                        .flat_map(|&unit| self.units.of_unit(unit).map(move |range| (range, unit)))
-                        .collect();
-                    let k = self.q.ncols();
-                    let mut a = Mat::<f64>::zeros(k, k);
-                    let mut right = Mat::<f64>::from_fn(k, 1, |i, _| dot(&self.basis.q[i], &self.y));
-                    for span in self.spans(&ranges) {
-                        let q = self.q.subrows(span.start, span.len());
-                        matmul(a.as_mut(), Accum::Add, q.transpose(), q, -1.0, Par::Seq);
-                        for (i, q) in self.basis.q.iter().enumerate() {
-                            right[(i, 0)] -= dot(&q[span.clone()], &self.y[span.clone()]);
-                        }
+        if let Some(folds) = self.folds.get() {
+            return folds;
+        }
+        let made: Vec<Fold> = folds(self.units.count)
+            .into_par_iter()
+            .map(|units| {
+                let ranges: Vec<_> = units
+                    .iter()
+                    .flat_map(|&unit| self.units.of_unit(unit).map(move |range| (range, unit)))
+                    .collect();
+                let k = self.q.ncols();
+                let mut a = Mat::<f64>::zeros(k, k);
+                let mut right = Mat::<f64>::from_fn(k, 1, |i, _| dot(&self.basis.q[i], &self.y));
+                for span in self.spans(&ranges) {
+                    let q = self.q.subrows(span.start, span.len());
+                    matmul(a.as_mut(), Accum::Add, q.transpose(), q, -1.0, Par::Seq);
+                    for (i, q) in self.basis.q.iter().enumerate() {
+                        right[(i, 0)] -= dot(&q[span.clone()], &self.y[span.clone()]);
                     }
-                    // A direction that these groups alone have is left at 0.
-                    (0..k).for_each(|i| a[(i, i)] += 1.0 + LITTLE);
-                    let normal = cholesky(&a).map(|l| {
-                        solve_lower_triangular_in_place(l.as_ref(), right.as_mut(), Par::Seq);
-                        (l, right)
-                    });
-                    Fold { ranges, normal }
-                })
-                .collect()
-        })
+                }
+                // A direction that these groups alone have is left at 0.
+                (0..k).for_each(|i| a[(i, i)] += 1.0 + LITTLE);
+                let normal = cholesky(&a).map(|l| {
+                    solve_lower_triangular_in_place(l.as_ref(), right.as_mut(), Par::Seq);
+                    (l, right)
+                });
+                Fold { ranges, normal }
+            })
+            .collect();
+        self.folds.get_or_init(|| made)
+    }
+
+    /// Makes the folds, so that tasks side by side do not each make their own.
+    pub(crate) fn make_folds(&self) {
+        self.folds();
     }
 
     fn spans(&self, ranges: &[(std::ops::Range<usize>, usize)]) -> Vec<std::ops::Range<usize>> {

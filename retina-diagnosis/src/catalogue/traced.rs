@@ -16,7 +16,7 @@ fn plane_gain(data: &Dataset, x: f64, y: f64, power: i32) -> f64 {
         let r = data.half_tan * x.hypot(y);
         let height = rays.height_over_tangent_mm(r) / rays.height_over_tangent_mm(0.0);
         let depth_mm = depth_mm(data, &rays, data.display_depth, [x, y]);
-        let from_axis = data.from_axis(DVec2::new(x, y));
+        let from_axis = data.distance_from_axis(DVec2::new(x, y));
         height.powi(power) * rays.tangent_per_depth(from_axis, depth_mm) / rays.tangent_per_depth(0.0, 0.0)
     })
 }
@@ -81,7 +81,7 @@ fn coma_forms(data: &Dataset, rays: &ComaShifts) -> Vec<ComaForm> {
 
 /// A table's arcsec per um over the place, where it is in halves of the camera's width.
 fn per_um(data: &Dataset, table: &RadialTable, place: DVec2) -> f64 {
-    1e-3 * ARCSEC_PER_RAD * table.at(data.from_axis(place))
+    1e-3 * ARCSEC_PER_RAD * table.at(data.distance_from_axis(place))
 }
 
 /// What 1 um of coma moves a place by, arcsec.
@@ -152,7 +152,7 @@ fn steady_shift(data: &Dataset, rays: ComaShifts) -> Vec<Variant<'_>> {
         Term::new(name, move |i| {
             let coma = DVec2::from_angle(data.roll_rad[data.mounting[i]]).rotate(axis);
             let place = DVec2::new(x[i], y[i]);
-            let r = data.from_axis(place);
+            let r = data.distance_from_axis(place);
             let [along, across] =
                 rays.tangent_per_even_coma.map(|per_mm| 1e-3 * ARCSEC_PER_RAD * per_mm.at(r));
             let radius = (data.half_tan * place - data.lens_axis()).normalize_or_zero();

@@ -215,7 +215,7 @@ impl Dataset {
     }
 
     /// Distance of a place (halves of the camera's width) from that axis, tangents.
-    pub(crate) fn from_axis(&self, place: DVec2) -> f64 {
+    pub(crate) fn distance_from_axis(&self, place: DVec2) -> f64 {
         (self.half_tan * place - self.lens_axis()).length()
     }
 
