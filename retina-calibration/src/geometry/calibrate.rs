@@ -304,20 +304,8 @@ fn reduced_chi_square(
     weights: &Weights,
     columns: usize,
 ) -> f64 {
-    let (mut squares, mut count) = (0.0, 0usize);
-    for (_, range) in &observations.exposures {
-        let (mut sum, mut mean) = (0.0, DVec2::ZERO);
-        for i in range.clone() {
-            let weight = weights.inverse_variance[i];
-            sum += weight;
-            mean += weight * residuals[i];
-            squares += weight * residuals[i].length_squared();
-            count += usize::from(weight > 0.0);
-        }
-        let variance = weights.jitter_variance;
-        squares -= variance / (1.0 + variance * sum) * mean.length_squared();
-    }
-    squares / (2.0 * (count as f64 - columns as f64).max(1.0))
+    let count = weights.inverse_variance.iter().filter(|weight| **weight > 0.0).count();
+    weights.product(observations, residuals, residuals) / (2.0 * (count as f64 - columns as f64).max(1.0))
 }
 
 /// D^-1 in monomials and rings, with its reference and range.

@@ -103,21 +103,8 @@ impl<'a> Centred<'a> {
         Some((coefficients, left))
     }
 
-    /// Sum over both axes of a V^-1 b, where the points of an exposure share a shift.
     fn product(&self, a: &[DVec2], b: &[DVec2]) -> f64 {
-        let jitter = self.weights.jitter_variance;
-        let of_exposure = |(_, range): &(usize, std::ops::Range<usize>)| {
-            let (mut sum, mut product, mut of_a, mut of_b) = (0.0, 0.0, DVec2::ZERO, DVec2::ZERO);
-            for i in range.clone() {
-                let weight = self.weights.inverse_variance[i];
-                sum += weight;
-                product += weight * a[i].dot(b[i]);
-                of_a += weight * a[i];
-                of_b += weight * b[i];
-            }
-            product - jitter / (1.0 + jitter * sum) * of_a.dot(of_b)
-        };
-        self.observations.exposures.iter().map(of_exposure).sum()
+        self.weights.product(self.observations, a, b)
     }
 
     /// The next step of the centre, and by how much chi-square is to fall.

@@ -122,6 +122,23 @@ impl Weights {
         }
     }
 
+    /// Sum over both axes of a V^-1 b, where the points of an exposure share a shift.
+    pub(crate) fn product(&self, observations: &Observations, a: &[DVec2], b: &[DVec2]) -> f64 {
+        let of_exposure = |(_, range): &(usize, Range<usize>)| {
+            let (mut sum, mut product, mut of_a, mut of_b) = (0.0, 0.0, DVec2::ZERO, DVec2::ZERO);
+            for i in range.clone() {
+                let weight = self.inverse_variance[i];
+                sum += weight;
+                product += weight * a[i].dot(b[i]);
+                of_a += weight * a[i];
+                of_b += weight * b[i];
+            }
+            let variance = self.jitter_variance;
+            product - variance / (1.0 + variance * sum) * of_a.dot(of_b)
+        };
+        observations.exposures.iter().map(of_exposure).sum()
+    }
+
     /// The common shift of an exposure's points, shrunk by what their noise leaves uncertain.
     fn shift_of(&self, residuals: &[DVec2], points: Range<usize>) -> DVec2 {
         let sum: f64 = self.inverse_variance[points.clone()].iter().sum();
