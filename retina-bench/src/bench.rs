@@ -1,8 +1,7 @@
 //! Screen, optics and camera together.
 
-use std::sync::OnceLock;
-
 use glam::DVec3;
+use once_cell::race::OnceBox;
 use rayon::prelude::*;
 use retina_files::InputError;
 use retina_geometry::Setup;
@@ -10,10 +9,13 @@ use retina_optics::OpticalSystem;
 use retina_radiometry::irradiance_of_magnitude_w_m2_nm;
 
 use crate::buffers::Buffers;
+use crate::display::lit;
+use crate::light::{Focused, Light};
 use crate::optics::{
     BenchOptics, CameraPose, ExposurePose, Landed, OpticsDetail, PointImage, SceneLight, Shown, Source,
     channel_lines, facility_system,
 };
+use crate::sensor::Rows;
 use crate::{BenchError, Display, GroupOffset, Imperfections, ScreenImage, Sensor};
 
 /// More lit pixels than these are a scene and go through Fourier transforms.
@@ -72,7 +74,7 @@ pub struct Bench {
     /// Electrons a second that a sub-pixel at count 255 on the axis makes, by channel.
     full_e_s: [f64; 3],
     /// The display's pattern, made for the first scene.
-    mura: OnceLock<Option<Vec<[f32; 3]>>>,
+    mura: OnceBox<Option<Vec<[f32; 3]>>>,
     buffers: Buffers,
     seed: u64,
 }
@@ -120,7 +122,7 @@ impl Bench {
             optics,
             sensor,
             full_e_s: [each; 3],
-            mura: OnceLock::new(),
+            mura: OnceBox::new(),
             buffers: Buffers::default(),
             seed: options.seed,
         })
@@ -182,14 +184,42 @@ impl Bench {
     /// # Errors
     /// The image has another size than the screen.
     pub fn light_e(&self, screen: &ScreenImage, exposure: &Exposure) -> Result<Vec<f32>, BenchError> {
-        let landed = self.landed(screen, exposure)?;
-        let mut image = self.focused_e(&landed, exposure);
-        self.optics.add_stray(&mut image, &landed);
-        image.par_iter_mut().for_each(|value| *value = value.max(0.0));
+        Ok(self.landed_e(self.landed(screen, exposure)?, exposure))
+    }
+
+    /// As [`Bench::light_e`], of light that has landed.
+    pub fn landed_e(&self, landed: Landed, exposure: &Exposure) -> Vec<f32> {
+        let light = self.light(landed, exposure);
+        let width = self.setup.camera.width_px as usize;
+        let mut image = self.buffers.take(width * self.setup.camera.height_px as usize);
+        let rows = image.par_chunks_exact_mut(width).enumerate();
+        rows.for_each_init(Vec::new, |line, (y, row)| light.row(y, row, line));
+        self.recycle(light);
+        image
+    }
+
+    /// Light that has landed, on the sensor.
+    fn light(&self, landed: Landed, exposure: &Exposure) -> Light {
+        let spots = match &landed {
+            Landed::Points(sources) => self.optics.spots(sources),
+            Landed::Scene(_) => None,
+        };
+        let focused = spots.map_or_else(
+            || Focused::Image(self.focused_e(&landed, exposure)),
+            |spots| Focused::Spots { black: self.black_e(exposure), spots },
+        );
+        let stray = self.optics.stray(&landed);
         if let Landed::Scene(light) = landed {
             light.planes.into_iter().for_each(|plane| self.buffers.give_back(plane));
         }
-        Ok(image)
+        Light { focused, stray }
+    }
+
+    /// Keeps the memory of a light that is done with.
+    fn recycle(&self, light: Light) {
+        if let Focused::Image(image) = light.focused {
+            self.buffers.give_back(image);
+        }
     }
 
     /// A screen image's light where it lands in an exposure.
@@ -197,7 +227,7 @@ impl Bench {
     /// # Errors
     /// The image has another size than the screen.
     pub fn landed(&self, screen: &ScreenImage, exposure: &Exposure) -> Result<Landed, BenchError> {
-        let lit = |counts: &[[u8; 3]]| counts.iter().filter(|counts| **counts != [0; 3]).count();
+        let lit = |counts: &[[u8; 3]]| lit(counts).count();
         if screen.counts.par_chunks(1 << 16).map(lit).sum::<usize>() <= MOST_PIXELS {
             return self.sources(screen, exposure).map(Landed::Points);
         }
@@ -207,7 +237,7 @@ impl Bench {
     /// All light of a screen image on the grid of camera pixels.
     fn scene(&self, screen: &ScreenImage, exposure: &Exposure) -> Result<SceneLight, BenchError> {
         self.display.check_size(screen)?;
-        let mura = self.mura.get_or_init(|| self.display.patterns()).as_deref();
+        let mura = self.mura.get_or_init(|| Box::new(self.display.patterns())).as_deref();
         let full_electrons = self.full_e_s.map(|e| e * exposure.exposure_s);
         let shown = Shown { display: &self.display, screen, mura, full_electrons };
         Ok(self.optics.scene(shown, &exposure.pose, &self.buffers))
@@ -216,8 +246,7 @@ impl Bench {
     /// As [`Bench::light_e`], of light that has landed, without ghosts and veiling glare.
     pub fn focused_e(&self, landed: &Landed, exposure: &Exposure) -> Vec<f32> {
         let size = self.setup.camera.width_px as usize * self.setup.camera.height_px as usize;
-        // The screen's black: its pixels are smaller than the camera's spots, so it is even.
-        let black = (self.black_e_s() * exposure.exposure_s) as f32;
+        let black = self.black_e(exposure);
         let mut image = self.buffers.take(size);
         image.par_chunks_mut(1 << 16).for_each(|part| part.fill(black));
         match landed {
@@ -227,12 +256,13 @@ impl Bench {
         image
     }
 
-    /// Electrons a second and camera pixel of the screen's black.
-    fn black_e_s(&self) -> f64 {
+    /// Electrons a camera pixel of the screen's black, whose pixels are smaller than the camera's spots: it is even.
+    fn black_e(&self, exposure: &Exposure) -> f32 {
         let k = self.setup.facility_pinhole();
         let camera = &self.optics.camera().pinhole;
         let screen_pixels = (k.fx_px * k.fy_px) / (camera.fx_px * camera.fy_px);
-        self.display.black * self.full_e_s.iter().sum::<f64>() * screen_pixels
+        let black_e_s = self.display.black * self.full_e_s.iter().sum::<f64>() * screen_pixels;
+        (black_e_s * exposure.exposure_s) as f32
     }
 
     /// The camera image of a screen image.
@@ -240,14 +270,21 @@ impl Bench {
     /// # Errors
     /// The image has another size than the screen.
     pub fn expose(&self, screen: &ScreenImage, exposure: &Exposure) -> Result<CameraFrame, BenchError> {
-        let light = self.light_e(screen, exposure)?;
-        let frame = self.read(&light, exposure);
-        self.buffers.give_back(light);
+        let light = self.light(self.landed(screen, exposure)?, exposure);
+        let frame = self.read_rows(&|y, row, line| light.row(y, row, line), exposure);
+        self.recycle(light);
         Ok(frame)
     }
 
     /// Digital numbers of an image of mean electrons.
     pub fn read(&self, light_e: &[f32], exposure: &Exposure) -> CameraFrame {
+        let copy = |y: usize, row: &mut [f32], _: &mut Vec<f32>| {
+            row.copy_from_slice(&light_e[y * row.len()..(y + 1) * row.len()]);
+        };
+        self.read_rows(&copy, exposure)
+    }
+
+    fn read_rows(&self, light_e: &Rows<'_>, exposure: &Exposure) -> CameraFrame {
         CameraFrame {
             width_px: self.setup.camera.width_px as usize,
             height_px: self.setup.camera.height_px as usize,

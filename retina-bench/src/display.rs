@@ -117,25 +117,26 @@ impl Display {
     /// The image has another size than the screen.
     pub fn sub_pixels(&self, image: &ScreenImage) -> Result<Vec<SubPixel>, BenchError> {
         self.check_size(image)?;
-        let mut lit = Vec::new();
-        for (row, counts) in image.counts.chunks_exact(image.width_px as usize).enumerate() {
-            let shift = self.row_shift_px(counts);
-            for (column, counts) in counts.iter().enumerate() {
-                if *counts == [0; 3] {
-                    continue;
+        let width = image.width_px as usize;
+        let rows = image.counts.par_chunks_exact(width).enumerate();
+        Ok(rows.flat_map_iter(|(row, counts)| self.sub_pixels_of_row(row, counts)).collect())
+    }
+
+    fn sub_pixels_of_row(&self, row: usize, counts: &[[u8; 3]]) -> Vec<SubPixel> {
+        let lit = lit(counts).collect::<Vec<_>>();
+        let shift = if lit.is_empty() { 0.0 } else { self.row_shift_px(counts) };
+        let of = |(column, counts): (usize, [u8; 3])| {
+            let pixel = (row * self.size_px[0] as usize + column) as u64;
+            (0..3).filter(move |&channel| counts[channel] > 0).map(move |channel| {
+                let pattern = if self.mura == 0.0 { 1.0 } else { self.pattern(pixel, channel) };
+                SubPixel {
+                    at_px: [column as f64 + 0.5 + self.stripe_px[channel] + shift, row as f64 + 0.5],
+                    channel,
+                    light: pattern * self.levels[channel][usize::from(counts[channel])],
                 }
-                let pixel = (row * image.width_px as usize + column) as u64;
-                for channel in (0..3).filter(|&c| counts[c] > 0) {
-                    let pattern = if self.mura == 0.0 { 1.0 } else { self.pattern(pixel, channel) };
-                    lit.push(SubPixel {
-                        at_px: [column as f64 + 0.5 + self.stripe_px[channel] + shift, row as f64 + 0.5],
-                        channel,
-                        light: pattern * self.levels[channel][usize::from(counts[channel])],
-                    });
-                }
-            }
-        }
-        Ok(lit)
+            })
+        };
+        lit.into_iter().flat_map(of).collect()
     }
 
     /// Light of a sub-pixel over the mean of all: the display's mura.
@@ -167,6 +168,17 @@ impl Display {
         }
         Err(BenchError::ScreenSize { found_px, expected_px: self.size_px })
     }
+}
+
+/// Pixels that are not dark, with their places in the slice. Dark stretches are passed over whole.
+pub(crate) fn lit(counts: &[[u8; 3]]) -> impl Iterator<Item = (usize, [u8; 3])> {
+    const STRETCH: usize = 64;
+    let bright = |stretch: &&[[u8; 3]]| stretch.as_flattened().iter().fold(0, |any, count| any | count) != 0;
+    let stretches = counts.chunks(STRETCH).enumerate().filter(move |(_, stretch)| bright(stretch));
+    stretches.flat_map(|(k, stretch)| {
+        let pixels = stretch.iter().copied().enumerate().map(move |(i, counts)| (STRETCH * k + i, counts));
+        pixels.filter(|(_, counts)| *counts != [0; 3])
+    })
 }
 
 /// Mean drive of a row, 0 to 1.

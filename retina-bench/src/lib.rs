@@ -15,6 +15,7 @@ mod display;
 mod error;
 mod hash;
 mod imperfections;
+mod light;
 mod noise;
 mod optics;
 mod prediction;

@@ -13,6 +13,9 @@ const DARK_DOUBLING_K: f64 = 6.5;
 /// Temperature of the stated dark current, degC.
 const DARK_REFERENCE_C: f64 = 20.0;
 
+/// Fills in a row of mean electrons of an image, given its number and work space.
+pub(crate) type Rows<'a> = dyn Fn(usize, &mut [f32], &mut Vec<f32>) + Sync + 'a;
+
 /// A sensor with its own fixed patterns.
 #[derive(Debug, Clone)]
 pub struct Sensor {
@@ -30,8 +33,10 @@ pub struct Sensor {
     response: Vec<f32>,
     /// Offset of each pixel, electrons.
     offset_e: Vec<f32>,
-    /// Dark current of each pixel at 20 degC, electrons a second.
-    dark_e_s: Vec<f32>,
+    /// Dark current of a pixel at 20 degC, electrons a second.
+    dark_e_s: f32,
+    /// That of hot pixels, and where they are, row by row.
+    hot_e_s: Vec<Vec<(usize, f32)>>,
     nonlinearity: f64,
     blooming: f64,
     stray_e_s: [f64; 3],
@@ -52,12 +57,14 @@ impl Sensor {
         let pattern = |f: &(dyn Fn(u64) -> f64 + Sync)| -> Vec<f32> {
             (0..count).into_par_iter().map(|i| f(i) as f32).collect()
         };
-        let dark = |i: u64| {
-            if hash::uniform(seed ^ 0x686f_7400, i) < noise.hot_pixels {
-                noise.dark_e_s * 10f64.powf(2.0 + 2.0 * hash::uniform(seed ^ 0x686f_7401, i))
-            } else {
-                noise.dark_e_s
-            }
+        let hot = |y: usize| {
+            let of = |x: usize| {
+                let i = (y * size_px[0] + x) as u64;
+                let hot = hash::uniform(seed ^ 0x686f_7400, i) < noise.hot_pixels;
+                let times = || 10f64.powf(2.0 + 2.0 * hash::uniform(seed ^ 0x686f_7401, i));
+                hot.then(|| (x, (noise.dark_e_s * times()) as f32))
+            };
+            (0..size_px[0]).filter_map(of).collect()
         };
         let efficiency = efficiency_of(noise);
         let base_e_per_dn =
@@ -73,7 +80,8 @@ impl Sensor {
             largest_dn,
             response: pattern(&|i| 1.0 + noise.prnu * hash::normal(seed ^ 0x7072_6e75, i)),
             offset_e: pattern(&|i| noise.dsnu_e * hash::normal(seed ^ 0x6473_6e75, i)),
-            dark_e_s: pattern(&dark),
+            dark_e_s: noise.dark_e_s as f32,
+            hot_e_s: (0..size_px[1]).into_par_iter().map(hot).collect(),
             nonlinearity: wrong.nonlinearity,
             blooming: wrong.blooming,
             stray_e_s: wrong.stray_e_s,
@@ -106,11 +114,11 @@ impl Sensor {
         self.largest_dn as u16
     }
 
-    /// Digital numbers of an exposure in which the light makes these mean electrons. The noise depends on
-    /// `seed` and `frame` alone.
-    pub fn read(
+    /// Digital numbers of an exposure in which the light makes these mean electrons. The noise depends on `seed` and
+    /// `frame` alone.
+    pub(crate) fn read(
         &self,
-        light_e: &[f32],
+        light_e: &Rows<'_>,
         exposure_s: f64,
         temperature_c: f64,
         seed: u64,
@@ -122,19 +130,22 @@ impl Sensor {
         let key = hash::mix(seed ^ hash::mix(frame));
         let noise_of = |y: usize| Noise::new(hash::mix(key ^ hash::mix(y as u64)));
         let level = Level::detect();
-        let exposed = |y: usize, noise: &mut Noise, charge: &mut [f32]| {
-            level.run(Exposed { sensor: self, y, light_e, exposure_s, warm, noise, charge });
+        let exposed = |y: usize, noise: &mut Noise, charge: &mut [f32], space: &mut Vec<f32>| {
+            light_e(y, charge, space);
+            level.run(Exposed { sensor: self, y, exposure_s, warm, noise, charge, space });
         };
-        let digitised = |y: usize, charge: &[f32], noise: &mut Noise, normals: &mut [f32], dn: &mut [u16]| {
-            level.run(Digitised { sensor: self, y, charge, noise, normals, dn });
-        };
+        let digitised =
+            |y: usize, charge: &[f32], noise: &mut Noise, space: &mut Vec<f32>, dn: &mut [u16]| {
+                space.resize(width, 0.0);
+                level.run(Digitised { sensor: self, y, charge, noise, normals: space, dn });
+            };
         if self.blooming == 0.0 {
             dn.par_chunks_exact_mut(width).enumerate().for_each_init(
-                || [vec![0f32; width], vec![0f32; width]],
-                |[charge, normals], (y, row)| {
+                || [vec![0f32; width], Vec::new()],
+                |[charge, space], (y, row)| {
                     let mut noise = noise_of(y);
-                    exposed(y, &mut noise, charge);
-                    digitised(y, charge, &mut noise, normals, row);
+                    exposed(y, &mut noise, charge, space);
+                    digitised(y, charge, &mut noise, space, row);
                 },
             );
             return dn;
@@ -142,19 +153,22 @@ impl Sensor {
         // Charge above full well runs along the column: all rows first.
         let (mut charge, mut noises): (Vec<Vec<f32>>, Vec<Noise>) = (0..height)
             .into_par_iter()
-            .map(|y| {
+            .map_init(Vec::new, |space, y| {
                 let (mut noise, mut charge) = (noise_of(y), vec![0f32; width]);
-                exposed(y, &mut noise, &mut charge);
+                exposed(y, &mut noise, &mut charge, space);
                 (charge, noise)
             })
             .unzip();
         for x in 0..width {
             self.bloom(&mut charge, x);
         }
-        dn.par_chunks_exact_mut(width).zip(charge).zip(&mut noises).enumerate().for_each_init(
-            || vec![0f32; width],
-            |normals, (y, ((row, charge), noise))| digitised(y, &charge, noise, normals, row),
-        );
+        dn.par_chunks_exact_mut(width)
+            .zip(charge)
+            .zip(&mut noises)
+            .enumerate()
+            .for_each_init(Vec::new, |space, (y, ((row, charge), noise))| {
+                digitised(y, &charge, noise, space, row)
+            });
         dn
     }
 
@@ -169,16 +183,16 @@ impl Sensor {
         light_e.par_iter().map(dn).collect()
     }
 
-    /// Mean electrons of row `y`: light, stray light, dark current.
+    /// Mean electrons of row `y`, from those of the light: with stray light and dark current. `dark` is work space.
     #[inline(always)]
-    fn mean_charge(&self, y: usize, light_e: &[f32], exposure_s: f64, warm: f32, mean: &mut [f32]) {
+    fn mean_charge(&self, y: usize, exposure_s: f64, warm: f32, mean: &mut [f32], dark: &mut Vec<f32>) {
         let [width, height] = self.size_px;
-        let row = y * width..(y + 1) * width;
-        let (light, response) = (&light_e[row.clone()], &self.response[row.clone()]);
-        for (((mean, light), response), dark) in
-            mean.iter_mut().zip(light).zip(response).zip(&self.dark_e_s[row])
-        {
-            *mean = light * response + dark * warm;
+        let response = &self.response[y * width..(y + 1) * width];
+        dark.clear();
+        dark.resize(width, self.dark_e_s);
+        self.hot_e_s[y].iter().for_each(|&(x, hot)| dark[x] = hot);
+        for ((mean, response), dark) in mean.iter_mut().zip(response).zip(&dark[..]) {
+            *mean = *mean * response + dark * warm;
         }
         if self.stray_e_s == [0.0; 3] {
             return;
@@ -227,15 +241,15 @@ impl Sensor {
     }
 }
 
-/// A row's charge in an exposure.
+/// A row's charge in an exposure, where the light's is.
 struct Exposed<'a> {
     sensor: &'a Sensor,
     y: usize,
-    light_e: &'a [f32],
     exposure_s: f64,
     warm: f32,
     noise: &'a mut Noise,
     charge: &'a mut [f32],
+    space: &'a mut Vec<f32>,
 }
 
 impl Kernel for Exposed<'_> {
@@ -243,7 +257,7 @@ impl Kernel for Exposed<'_> {
 
     #[inline(always)]
     fn run(self) {
-        self.sensor.mean_charge(self.y, self.light_e, self.exposure_s, self.warm, self.charge);
+        self.sensor.mean_charge(self.y, self.exposure_s, self.warm, self.charge, self.space);
         self.noise.poisson(self.charge);
     }
 }

@@ -12,6 +12,7 @@ use std::sync::OnceLock;
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Accum, Mat, Par};
+use once_cell::race::OnceBox;
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use rand_chacha::ChaCha8Rng;
@@ -47,7 +48,7 @@ pub(crate) struct Frame<'d> {
     /// Whitened errors of the base.
     pub(crate) error: Vec<f64>,
     /// For each part that is left out: Gram matrix of the base over it, and products with the data.
-    folds: OnceLock<Vec<Fold>>,
+    folds: OnceBox<Vec<Fold>>,
     /// The levels of the groups as the base leaves them.
     levels: OnceLock<LevelsLeft>,
 }
@@ -139,7 +140,7 @@ impl<'d> Frame<'d> {
     fn of(data: &'d Dataset, weights: Weights, basis: Basis, y: Vec<f64>) -> Self {
         let error = basis.residual(basis.residual(y.clone()));
         let q = basis.side_by_side(y.len());
-        let (units, folds, levels) = (Units::of(data), OnceLock::new(), OnceLock::new());
+        let (units, folds, levels) = (Units::of(data), OnceBox::new(), OnceLock::new());
         Self { data, weights, units, basis, q, y, error, folds, levels }
     }
 
@@ -341,19 +342,17 @@ impl<'d> Frame<'d> {
     /// The same frame, of which runs of rows are left out instead of whole groups: for what one group alone can tell.
     pub(crate) fn leaving_out_rows(mut self) -> Self {
         self.units = Units::runs_of_rows(self.data);
-        self.folds = OnceLock::new();
+        self.folds = OnceBox::new();
         self
     }
 
     /// Parts of the units with what the base needs for leaving them out.
-    ///
-    /// They are made outside of the lock. A thread that held it while it waits for its share of the work could take up
-    /// another task that asks for them, and would wait for itself.
     fn folds(&self) -> &[Fold] {
-        if let Some(folds) = self.folds.get() {
-            return folds;
-        }
-        let made: Vec<Fold> = folds(self.units.count)
+        self.folds.get_or_init(|| Box::new(self.made_folds()))
+    }
+
+    fn made_folds(&self) -> Vec<Fold> {
+        folds(self.units.count)
             .into_par_iter()
             .map(|units| {
                 let ranges: Vec<_> = units
@@ -378,8 +377,7 @@ impl<'d> Frame<'d> {
                 });
                 Fold { ranges, normal }
             })
-            .collect();
-        self.folds.get_or_init(|| made)
+            .collect()
     }
 
     /// Makes the folds, so that tasks side by side do not each make their own.

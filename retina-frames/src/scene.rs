@@ -1,8 +1,9 @@
 //! The prediction from a frame of a scene: its reference ellipsoid by formula, its mesh by rays.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use glam::{DMat3, DVec2, DVec3};
+use once_cell::race::OnceBox;
 use rayon::prelude::*;
 use retina_files::InputError;
 use retina_geometry::Pinhole;
@@ -19,9 +20,9 @@ pub(crate) struct SceneBody {
     model: BodyModel,
     semi_axes_m: DVec3,
     /// Renderers of the body as it is, of Lambert's law, and of a white one without its map: their trees take seconds.
-    own: OnceLock<CpuRenderer>,
-    lambert: OnceLock<CpuRenderer>,
-    white: OnceLock<CpuRenderer>,
+    own: OnceBox<CpuRenderer>,
+    lambert: OnceBox<CpuRenderer>,
+    white: OnceBox<CpuRenderer>,
 }
 
 impl SceneBody {
@@ -40,22 +41,24 @@ impl SceneBody {
     }
 
     fn new(model: BodyModel, semi_axes_m: DVec3) -> Self {
-        Self { model, semi_axes_m, own: OnceLock::new(), lambert: OnceLock::new(), white: OnceLock::new() }
+        Self { model, semi_axes_m, own: OnceBox::new(), lambert: OnceBox::new(), white: OnceBox::new() }
     }
 
     fn own(&self) -> &CpuRenderer {
-        self.own.get_or_init(|| renderer(self.model.clone()))
+        self.own.get_or_init(|| Box::new(renderer(self.model.clone())))
     }
 
     fn lambert(&self) -> &CpuRenderer {
-        self.lambert.get_or_init(|| renderer(BodyModel { photometry: white_lambert(), ..self.model.clone() }))
+        self.lambert.get_or_init(|| {
+            Box::new(renderer(BodyModel { photometry: white_lambert(), ..self.model.clone() }))
+        })
     }
 
     fn white(&self) -> &CpuRenderer {
         self.white.get_or_init(|| {
             let mut model = BodyModel { photometry: white_lambert(), ..self.model.clone() };
             model.shape.surfaces.iter_mut().for_each(|s| (s.albedo_map, s.albedo_factor) = (None, 1.0));
-            renderer(model)
+            Box::new(renderer(model))
         })
     }
 }

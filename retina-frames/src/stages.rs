@@ -1,9 +1,10 @@
 //! The light of a frame, stage by stage. Another state begins at the first stage that it changes: most tangents and trials
 //! change a late one.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use glam::DVec2;
+use once_cell::race::OnceBox;
 
 use crate::form::{Change, Stage};
 use crate::grid::{Grid, Spline};
@@ -23,7 +24,7 @@ pub(crate) struct Stages {
 struct Surface {
     cells: Grid,
     /// For moving them; made when first asked for.
-    spline: OnceLock<Spline>,
+    spline: OnceBox<Spline>,
 }
 
 /// How a frame is moved: shift in px, roll in rad, scale.
@@ -67,7 +68,7 @@ impl Sight {
     pub(crate) fn stages(&self, frame: usize, state: &State, known: Option<(&State, &Stages)>) -> Stages {
         let known = known.filter(|(other, _)| state.alike(other, Stage::Surface));
         let surface = known.map_or_else(
-            || Arc::new(Surface { cells: self.surface(&state.parts), spline: OnceLock::new() }),
+            || Arc::new(Surface { cells: self.surface(&state.parts), spline: OnceBox::new() }),
             |(_, stages)| Arc::clone(&stages.surface),
         );
         let movement = state.movement(frame);
@@ -76,7 +77,7 @@ impl Sight {
             || match movement {
                 (DVec2::ZERO, 0.0, 0.0) => Arc::new(surface.cells.clone()),
                 (shift, roll, scale) => {
-                    let spline = surface.spline.get_or_init(|| surface.cells.spline());
+                    let spline = surface.spline.get_or_init(|| Box::new(surface.cells.spline()));
                     Arc::new(self.moved(spline, shift, roll, scale))
                 }
             },

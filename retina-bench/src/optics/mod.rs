@@ -15,6 +15,7 @@ mod stray;
 mod windowed;
 
 use glam::DVec2;
+use once_cell::race::OnceBox;
 use rayon::prelude::*;
 use retina_geometry::Setup;
 use retina_optics::OpticalSystem;
@@ -33,7 +34,9 @@ use crate::imperfections::Objective;
 use crate::{BenchError, Display, Imperfections};
 use dense::Dense;
 use kernels::{Kernels, Shapes};
+pub(crate) use sparse::Spots;
 use stray::Ghosts;
+pub(crate) use stray::Stray;
 use windowed::{Offsets, Sampling};
 
 /// Light that lands on the sensor.
@@ -111,7 +114,7 @@ pub struct BenchOptics {
     maps: Vec<Chebyshev2<FUNCTIONS>>,
     offsets: [Offsets; 3],
     kernels: Kernels,
-    dense: std::sync::OnceLock<Dense>,
+    dense: OnceBox<Dense>,
     ghosts: Ghosts,
     /// Positions and light of full scenes: channel, row, column; `None` off the tabulated field.
     grid: [usize; 2],
@@ -260,7 +263,7 @@ impl BenchOptics {
             maps,
             offsets,
             kernels,
-            dense: std::sync::OnceLock::new(),
+            dense: OnceBox::new(),
             ghosts,
             grid: display.size_px.map(|size| (size as usize).div_ceil(MAP_STEP_PX) + 1),
             map_grid: Vec::new(),
@@ -320,13 +323,19 @@ impl BenchOptics {
 
     /// Adds the image of a scene to an image of electrons, by Fourier transforms.
     pub fn add_scene(&self, image: &mut [f32], light: &SceneLight) {
-        let dense = self.dense.get_or_init(|| Dense::new(&self.kernels, self.size_px));
+        let dense = self.dense.get_or_init(|| Box::new(Dense::new(&self.kernels, self.size_px)));
         dense.add(image, &self.kernels, light);
     }
 
-    /// Adds ghosts and veiling glare of a screen image.
-    pub fn add_stray(&self, image: &mut [f32], landed: &Landed) {
-        self.ghosts.add(image, self.size_px, &self.camera, landed);
+    /// The images of sources one by one; `None` where they are so many that [`BenchOptics::add_points`] suits them
+    /// better.
+    pub(crate) fn spots(&self, sources: &[Source]) -> Option<Spots> {
+        Spots::of(self.size_px[1], &self.kernels, sources)
+    }
+
+    /// Ghosts and veiling glare of a screen image.
+    pub(crate) fn stray(&self, landed: &Landed) -> Stray {
+        self.ghosts.of(self.size_px, &self.camera, landed)
     }
 
     /// Lays all light of a screen image on the grid of camera pixels, as a pose of one exposure sees it.

@@ -16,8 +16,11 @@ const CELL_PX: f64 = 16.0;
 /// Pixels that are computed at once.
 const LANES: usize = 16;
 
-/// Rows of the image that one thread adds patches to.
+/// Rows of the image that know their patches together.
 const BAND_ROWS: usize = 32;
+
+/// So many groups of sources at most are made into patches at once, so that patches do not pile up.
+const MOST_GROUPS: usize = 1024;
 
 /// A rectangle of the image with its own electrons.
 struct Patch {
@@ -28,25 +31,60 @@ struct Patch {
 }
 
 /// Adds the images of sources to an image of electrons.
-pub(super) fn add(image: &mut [f32], size_px: [usize; 2], kernels: &Kernels, sources: &[Source]) {
+pub(super) fn add(image: &mut [f32], [width, height]: [usize; 2], kernels: &Kernels, sources: &[Source]) {
+    let placed = placed(kernels, sources);
+    for groups in groups(&placed).chunks(MOST_GROUPS) {
+        let spots = Spots::new(height, kernels, groups);
+        image.par_chunks_exact_mut(width).enumerate().for_each(|(y, row)| spots.add_to_row(y, row));
+    }
+}
+
+/// Sources by cell and channel: cells that blend the same kernels follow each other, which are then still in the
+/// processor's cache.
+fn placed(kernels: &Kernels, sources: &[Source]) -> Vec<Placed> {
     let mut placed: Vec<Placed> = sources.iter().map(|source| Placed::new(kernels, source)).collect();
-    // Cells that blend the same kernels follow each other: those are then still in the processor's cache.
     placed.sort_by_key(|source| (source.cell, source.channel));
-    let groups: Vec<&[Placed]> = placed.chunk_by(|a, b| a.cell == b.cell).collect();
-    let level = Level::detect();
-    // In blocks, so that patches do not pile up.
-    for block in groups.chunks(1024) {
-        let patches: Vec<Patch> = block
+    placed
+}
+
+/// The sources of each cell.
+fn groups(placed: &[Placed]) -> Vec<&[Placed]> {
+    placed.chunk_by(|a, b| a.cell == b.cell).collect()
+}
+
+/// Images of sources, a patch for those of one cell.
+pub(crate) struct Spots {
+    patches: Vec<Patch>,
+    /// For each band of rows the patches that it has a part of, in their order: so sums do not depend on threads.
+    bands: Vec<Vec<usize>>,
+}
+
+impl Spots {
+    /// The images of sources on an image of so many rows; `None` where they are so many that they are better laid on it.
+    pub(super) fn of(rows: usize, kernels: &Kernels, sources: &[Source]) -> Option<Self> {
+        let placed = placed(kernels, sources);
+        let groups = groups(&placed);
+        (groups.len() <= MOST_GROUPS).then(|| Self::new(rows, kernels, &groups))
+    }
+
+    fn new(rows: usize, kernels: &Kernels, groups: &[&[Placed]]) -> Self {
+        let level = Level::detect();
+        let patches: Vec<Patch> = groups
             .par_iter()
             .map_init(Vec::new, |scratch, group| level.run(Group { kernels, group, scratch }))
             .collect();
-        let [width, _] = size_px;
-        // Each pixel takes the patches in their order, so that sums do not depend on threads.
-        image.par_chunks_mut(BAND_ROWS * width).enumerate().for_each(|(band, rows)| {
-            for patch in &patches {
-                patch.add_to(rows, (band * BAND_ROWS) as i64, width);
-            }
-        });
+        let mut bands = vec![Vec::new(); rows.div_ceil(BAND_ROWS)];
+        for (k, patch) in patches.iter().enumerate() {
+            let band = |y: i64| y.clamp(0, rows as i64) as usize;
+            let touched = band(patch.y) / BAND_ROWS..band(patch.y + patch.rows() as i64).div_ceil(BAND_ROWS);
+            bands[touched].iter_mut().for_each(|band: &mut Vec<usize>| band.push(k));
+        }
+        Self { patches, bands }
+    }
+
+    /// Adds them to a row of the image.
+    pub(crate) fn add_to_row(&self, y: usize, row: &mut [f32]) {
+        self.bands[y / BAND_ROWS].iter().for_each(|&patch| self.patches[patch].add_to_row(y as i64, row));
     }
 }
 
@@ -217,19 +255,19 @@ fn cubic(t: f64) -> [f64; 4] {
 }
 
 impl Patch {
-    /// Adds it to rows of the image from row `first` on.
-    fn add_to(&self, rows: &mut [f32], first: i64, width: usize) {
+    fn rows(&self) -> usize {
+        self.values.len() / self.width
+    }
+
+    /// Adds its part of row `y` of the image, if it has one.
+    fn add_to_row(&self, y: i64, row: &mut [f32]) {
+        let Some(own) = usize::try_from(y - self.y).ok().filter(|own| *own < self.rows()) else { return };
         let from = (-self.x).clamp(0, self.width as i64) as usize;
-        let to = (width as i64 - self.x).clamp(0, self.width as i64) as usize;
-        if from >= to {
-            return;
-        }
-        let skipped = (first - self.y).max(0) as usize;
-        for (row, values) in self.values.chunks_exact(self.width).enumerate().skip(skipped) {
-            let start = (self.y + row as i64 - first) as usize * width;
-            let Some(line) = rows.get_mut(start..start + width) else { break };
-            let line = &mut line[(self.x + from as i64) as usize..][..to - from];
-            line.iter_mut().zip(&values[from..to]).for_each(|(sum, value)| *sum += value);
+        let to = (row.len() as i64 - self.x).clamp(0, self.width as i64) as usize;
+        if from < to {
+            let values = &self.values[own * self.width..][from..to];
+            let line = &mut row[(self.x + from as i64) as usize..][..to - from];
+            line.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
         }
     }
 }

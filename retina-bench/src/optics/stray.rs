@@ -72,14 +72,8 @@ impl Ghosts {
         Ok(Self { ghosts: found, glare })
     }
 
-    /// Adds the stray light of a screen image to an image of electrons.
-    pub(super) fn add(
-        &self,
-        image: &mut [f32],
-        [width, height]: [usize; 2],
-        camera: &CameraPose,
-        landed: &Landed,
-    ) {
+    /// The stray light of a screen image.
+    pub(super) fn of(&self, [width, height]: [usize; 2], camera: &CameraPose, landed: &Landed) -> Stray {
         let total = landed.total_e();
         let mut even = total * self.glare / (width * height) as f64;
         // All light in one place would make this of a ghost; below it a ghost is as good as glare.
@@ -127,33 +121,43 @@ impl Ghosts {
         for laid in kept.par_iter().map_init(Vec::new, |other, ghost| lay(other, ghost)).collect::<Vec<_>>() {
             stray.iter_mut().zip(laid).for_each(|(sum, value)| *sum += value);
         }
-        if kept.is_empty() {
-            image.par_iter_mut().for_each(|value| *value += even);
-            return;
-        }
+        if kept.is_empty() { Stray::Even(even) } else { Stray::Cells { columns: cells[0], electrons: stray } }
+    }
+}
+
+/// Stray light of one screen image, electrons a pixel.
+pub(crate) enum Stray {
+    /// The same everywhere.
+    Even(f32),
+    /// At the centres of cells, row by row.
+    Cells { columns: usize, electrons: Vec<f32> },
+}
+
+impl Stray {
+    /// Adds it to a row of the image; `line` is work space.
+    pub(crate) fn add_to_row(&self, y: usize, row: &mut [f32], line: &mut Vec<f32>) {
+        let (columns, electrons) = match self {
+            Self::Even(even) => return row.iter_mut().for_each(|value| *value += even),
+            Self::Cells { columns, electrons } => (*columns, electrons),
+        };
         // Bilinear between the cells' centres: a row of cells at this height, then along it.
-        image.par_chunks_exact_mut(width).enumerate().for_each_init(
-            || vec![0f32; cells[0]],
-            |line, (y, row)| {
-                let v = ((y as f32 + 0.5) / CELL_PX as f32 - 0.5).clamp(0.0, (cells[1] - 1) as f32);
-                let above = (v as usize).min(cells[1].saturating_sub(2));
-                let below = (above + 1).min(cells[1] - 1);
-                let fy = v - above as f32;
-                let [above, below] = [above, below].map(|j| &stray[j * cells[0]..(j + 1) * cells[0]]);
-                for ((line, above), below) in line.iter_mut().zip(above).zip(below) {
-                    *line = above + fy * (below - above);
-                }
-                let half = (CELL_PX / 2).min(row.len());
-                let (first, rest) = row.split_at_mut(half);
-                first.iter_mut().for_each(|value| *value += line[0]);
-                for (i, part) in rest.chunks_mut(CELL_PX).enumerate() {
-                    let (from, to) = (line[i], line[(i + 1).min(cells[0] - 1)]);
-                    for (k, value) in part.iter_mut().enumerate() {
-                        *value += from + (to - from) * ((k as f32 + 0.5) / CELL_PX as f32);
-                    }
-                }
-            },
-        );
+        let rows = electrons.len() / columns;
+        let v = ((y as f32 + 0.5) / CELL_PX as f32 - 0.5).clamp(0.0, (rows - 1) as f32);
+        let above = (v as usize).min(rows.saturating_sub(2));
+        let below = (above + 1).min(rows - 1);
+        let fy = v - above as f32;
+        let [above, below] = [above, below].map(|j| &electrons[j * columns..(j + 1) * columns]);
+        line.clear();
+        line.extend(above.iter().zip(below).map(|(above, below)| above + fy * (below - above)));
+        let half = (CELL_PX / 2).min(row.len());
+        let (first, rest) = row.split_at_mut(half);
+        first.iter_mut().for_each(|value| *value += line[0]);
+        for (i, part) in rest.chunks_mut(CELL_PX).enumerate() {
+            let (from, to) = (line[i], line[(i + 1).min(columns - 1)]);
+            for (k, value) in part.iter_mut().enumerate() {
+                *value += from + (to - from) * ((k as f32 + 0.5) / CELL_PX as f32);
+            }
+        }
     }
 }
 
