@@ -2,7 +2,9 @@
 
 use std::collections::HashMap;
 
-use crate::data::Dataset;
+use rayon::prelude::*;
+
+use crate::data::{Dataset, RowFrame};
 use crate::screens::{ranks, screened};
 
 /// Coarsest squares over the field: a quarter of its width.
@@ -58,46 +60,56 @@ impl Cells {
     }
 }
 
+/// A pattern that is still to be made: each takes a while, and they are made side by side.
+type Planned<'a> = Box<dyn Fn() -> Cells + Send + Sync + 'a>;
+
 /// All patterns of a table.
 pub(crate) fn cells(data: &Dataset) -> Vec<Cells> {
-    let mut out = if data.components() == 2 { of_field(data) } else { Vec::new() };
     let names = screened(data);
-    let ranked: Vec<Vec<f64>> = names.iter().map(|name| ranks(data.values(name))).collect();
+    let ranked: Vec<Vec<f64>> = names.par_iter().map(|name| ranks(data.values(name))).collect();
+    planned(data, &names, &ranked).par_iter().map(|planned| planned()).collect()
+}
+
+fn planned<'a>(data: &'a Dataset, names: &'a [&'a str], ranked: &'a [Vec<f64>]) -> Vec<Planned<'a>> {
+    let mut out = if data.components() == 2 { of_field(data) } else { Vec::new() };
     let stretch = |rank: f64, count: usize| -> Option<i64> {
         (!rank.is_nan()).then(|| ((0.5 * (rank + 1.0) * count as f64) as i64).min(count as i64 - 1))
     };
-    for (name, rank) in names.iter().zip(&ranked) {
+    for (name, rank) in names.iter().zip(ranked) {
         if name.contains("_phase_") {
             for count in PHASES {
-                let cell = |phase: &f64| Some([(phase * count as f64).floor() as i64, 0, 0]);
-                out.push(Cells::new(&[name], None, data.values(name).iter().map(cell)));
+                let cell = move |phase: &f64| Some([(phase * count as f64).floor() as i64, 0, 0]);
+                out.push(Box::new(move || Cells::new(&[name], None, data.values(name).iter().map(cell))));
             }
             continue;
         }
         for count in STRETCHES {
-            out.push(Cells::new(&[name], None, rank.iter().map(|r| Some([stretch(*r, count)?, 0, 0]))));
+            let cell = move |rank: &f64| Some([stretch(*rank, count)?, 0, 0]);
+            out.push(Box::new(move || Cells::new(&[name], None, rank.iter().map(cell))));
         }
     }
     let plain: Vec<usize> =
         (0..names.len()).filter(|&k| !names[k].contains("_phase_")).take(MOST_COLUMNS).collect();
     for (i, &a) in plain.iter().enumerate() {
         for &b in &plain[..i] {
-            let both = ranked[a]
-                .iter()
-                .zip(&ranked[b])
-                .map(|(p, q)| Some([stretch(*p, STRETCHES_OF_TWO)?, stretch(*q, STRETCHES_OF_TWO)?, 0]));
-            out.push(Cells::new(&[names[b], names[a]], None, both));
+            let cell = move |(p, q): (&f64, &f64)| {
+                Some([stretch(*p, STRETCHES_OF_TWO)?, stretch(*q, STRETCHES_OF_TWO)?, 0])
+            };
+            let both = move || ranked[a].iter().zip(&ranked[b]).map(cell);
+            out.push(Box::new(move || Cells::new(&[names[b], names[a]], None, both())));
         }
     }
     if data.components() == 2 {
         // What turns its sign with a column, at three scales of the field.
         for &k in &plain {
-            let sign: Vec<f64> = ranked[k].iter().map(|r| if *r > 0.0 { 1.0 } else { -1.0 }).collect();
             for width in [0.25, 0.08, 0.025] {
-                let mut squares = squares(data, width, 0.0);
-                squares.covariates.insert(0, names[k].to_owned());
-                squares.sign = Some(sign.clone());
-                out.push(squares);
+                out.push(Box::new(move || {
+                    let sign = ranked[k].iter().map(|r| if *r > 0.0 { 1.0 } else { -1.0 });
+                    let mut squares = squares(data, width, 0.0);
+                    squares.covariates.insert(0, names[k].to_owned());
+                    squares.sign = Some(sign.collect());
+                    squares
+                }));
             }
         }
     }
@@ -105,25 +117,26 @@ pub(crate) fn cells(data: &Dataset) -> Vec<Cells> {
 }
 
 /// Squares and stripes of the field, and stripes of the camera's image.
-fn of_field(data: &Dataset) -> Vec<Cells> {
-    let mut out = Vec::new();
-    for halving in 0..HALVINGS {
-        let width = COARSEST * 0.5f64.powi(halving as i32);
-        out.push(squares(data, width, 0.0));
-        out.push(squares(data, width, 0.5));
+fn of_field(data: &Dataset) -> Vec<Planned<'_>> {
+    let mut out: Vec<Planned<'_>> = Vec::new();
+    let widths = (0..HALVINGS).map(|halving| COARSEST * 0.5f64.powi(halving as i32));
+    for width in widths.clone() {
+        for shift in [0.0, 0.5] {
+            out.push(Box::new(move || squares(data, width, shift)));
+        }
     }
     let px = px_of_x(data);
     for (axis, name) in ["x", "y"].into_iter().enumerate() {
-        for halving in 0..HALVINGS {
-            let width = COARSEST * 0.5f64.powi(halving as i32);
-            let cell = |v: &f64| Some([(v / width).floor() as i64, 0, 0]);
-            out.push(Cells::new(&[name], Some(width * px), data.values(name).iter().map(cell)));
+        for width in widths.clone() {
+            let cell = move |v: &f64| Some([(v / width).floor() as i64, 0, 0]);
+            let places = move || data.values(name).iter().map(cell);
+            out.push(Box::new(move || Cells::new(&[name], Some(width * px), places())));
         }
         // Columns and rows of the camera, which the display's are not: the camera may be turned, and is distorted.
         for width_px in [1.0, 2.0, 4.0, 8.0] {
-            let cells =
-                data.frame.iter().map(|frame| Some([(frame.measured[axis] / width_px).floor() as i64, 0, 0]));
-            out.push(Cells::new(&[name], Some(width_px), cells));
+            let cell = move |frame: &RowFrame| Some([(frame.measured[axis] / width_px).floor() as i64, 0, 0]);
+            let places = move || data.frame.iter().map(cell);
+            out.push(Box::new(move || Cells::new(&[name], Some(width_px), places())));
         }
     }
     out

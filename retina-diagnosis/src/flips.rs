@@ -112,10 +112,11 @@ pub(crate) fn p_values(candidates: &[Vec<&Score>], flips: &Flips) -> Vec<f64> {
         .collect();
     // Middle and tail of each candidate's draws, the data themselves being one of them.
     let scales: Vec<(f64, f64)> = (0..candidates.len())
+        .into_par_iter()
         .map(|c| {
             let mut draws: Vec<f64> = best.iter().map(|draw| draw[c]).collect();
             draws.push(own[c]);
-            draws.sort_by(f64::total_cmp);
+            draws.sort_unstable_by(f64::total_cmp);
             let at = |share: f64| draws[((draws.len() - 1) as f64 * share).round() as usize];
             (at(0.5), (at(1.0 - TAIL) - at(0.5)).max(1e-9))
         })

@@ -2,6 +2,7 @@
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
+use rayon::prelude::*;
 
 /// A column that keeps less than this of its length beside the ones before it is not independent of them.
 const DEPENDENT: f64 = 1e-6;
@@ -43,21 +44,28 @@ pub(crate) fn matrix(columns: &[Vec<f64>]) -> faer::Mat<f64> {
     out
 }
 
-/// A^T A, its lower triangle alone.
+/// A^T A, its lower triangle alone: the sum over blocks of rows, always the same ones in the same order.
 pub(crate) fn gram_lower(a: &faer::Mat<f64>) -> faer::Mat<f64> {
-    let mut out = faer::Mat::<f64>::zeros(a.ncols(), a.ncols());
-    triangular::matmul(
-        out.as_mut(),
-        BlockStructure::TriangularLower,
-        faer::Accum::Replace,
-        a.transpose(),
-        BlockStructure::Rectangular,
-        a,
-        BlockStructure::Rectangular,
-        1.0,
-        faer::get_global_parallelism(),
-    );
-    out
+    const ROWS: usize = 1024;
+    let starts: Vec<usize> = (0..a.nrows()).step_by(ROWS).collect();
+    let of_rows = |&start: &usize| {
+        let rows = a.subrows(start, ROWS.min(a.nrows() - start));
+        let mut out = faer::Mat::<f64>::zeros(a.ncols(), a.ncols());
+        triangular::matmul(
+            out.as_mut(),
+            BlockStructure::TriangularLower,
+            faer::Accum::Replace,
+            rows.transpose(),
+            BlockStructure::Rectangular,
+            rows,
+            BlockStructure::Rectangular,
+            1.0,
+            faer::Par::Seq,
+        );
+        out
+    };
+    let parts: Vec<faer::Mat<f64>> = starts.par_iter().map(of_rows).collect();
+    parts.into_iter().fold(faer::Mat::zeros(a.ncols(), a.ncols()), |sum, part| sum + part)
 }
 
 /// The lower triangle L of a positive definite matrix, L L^T.
@@ -102,7 +110,7 @@ pub(crate) fn independent(gram: &faer::Mat<f64>, before: &[f64], least: f64) -> 
 pub(crate) fn least_squares(columns: &[Vec<f64>], y: &[f64]) -> (Vec<f64>, usize) {
     let square: Vec<f64> = columns.iter().map(|column| dot(column, column)).collect();
     let a = matrix(columns);
-    let (kept, inverse) = independent(&(a.transpose() * &a), &square, DEPENDENT);
+    let (kept, inverse) = independent(&gram_lower(&a), &square, DEPENDENT);
     let mut out = vec![0.0; columns.len()];
     let mut left = y.to_vec();
     for _ in 0..2 {

@@ -9,7 +9,8 @@
 //! P. Moran's statistic (Biometrika 37, 1950) between groups, on many scales, its largest value compared as by Westfall
 //! and Young (Resampling-Based Multiple Testing, 1993).
 
-use faer::Mat;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::{Accum, Mat, Par};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -43,10 +44,16 @@ pub(crate) struct Shared {
     pub(crate) deviate: f64,
 }
 
-/// One pattern's statistic with its null distribution.
-struct Statistic {
+/// A pattern with the rows that count, by cell and by unit.
+struct Pattern {
     cells: Cells,
-    /// K over the joined units, its diagonal 0.
+    order: Vec<usize>,
+}
+
+/// One pattern's statistic with its null distribution.
+struct Statistic<'p> {
+    pattern: &'p Pattern,
+    /// K over the joined units below its diagonal; it is symmetric, and its diagonal counts as 0.
     gram: Mat<f64>,
     total: f64,
     sigma: f64,
@@ -73,16 +80,22 @@ pub(crate) fn look(frame: &Frame<'_>, seed: u64, wavelengths_px: &[f64], floor: 
         .collect();
     let mut free = frame.free_of_field(&ripples).into_iter();
     let error = free.next().unwrap_or_default();
-    let own: Vec<Statistic> =
-        of_patterns(frame, &error, cells(data), FEWEST_PAIRS).into_iter().flatten().collect();
+    let joined = Joined::of(&frame.units, data);
+    let patterns: Vec<Pattern> =
+        cells(data).into_par_iter().map(|cells| Pattern::of(frame, cells, &joined)).collect();
+    let own: Vec<Statistic<'_>> =
+        of_patterns(frame, &error, patterns.iter().collect(), &joined, FEWEST_PAIRS)
+            .into_iter()
+            .flatten()
+            .collect();
     let draws = drawn(&own, seed);
     let n = data.components() as f64;
     let mut shared: Vec<Shared> = own
         .iter()
         .zip(p_values(&own, &draws))
         .map(|(s, p_value)| Shared {
-            covariates: s.cells.covariates.clone(),
-            width_px: s.cells.width_px,
+            covariates: s.pattern.cells.covariates.clone(),
+            width_px: s.pattern.cells.width_px,
             p_value,
             strength: (s.total.max(0.0) / (n * s.pairs)).sqrt(),
             deviate: s.total / s.sigma,
@@ -90,21 +103,21 @@ pub(crate) fn look(frame: &Frame<'_>, seed: u64, wavelengths_px: &[f64], floor: 
         .collect();
     shared.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.deviate.total_cmp(&a.deviate)));
     let needed = deviate_needed(&draws);
-    let seen_by = |own: &[&Statistic], ripple: &[f64]| -> Vec<f64> {
-        let patterns: Vec<Cells> = own.iter().map(|s| s.cells.clone()).collect();
-        let amplitude = |(own, ripple): (&&Statistic, Option<Statistic>)| {
+    let seen_by = |own: &[&Statistic<'_>], ripple: &[f64]| -> Vec<f64> {
+        let patterns = own.iter().map(|s| s.pattern).collect();
+        let amplitude = |(own, ripple): (&&Statistic<'_>, Option<Statistic<'_>>)| {
             let wanted = (needed * own.sigma).max(floor * floor * n * own.pairs);
             ripple.map_or(f64::INFINITY, |ripple| amplitude_seen(own, &ripple, wanted))
         };
-        own.iter().zip(of_patterns(frame, ripple, patterns, 0.0)).map(amplitude).collect()
+        own.iter().zip(of_patterns(frame, ripple, patterns, &joined, 0.0)).map(amplitude).collect()
     };
     let least = |amplitudes: &[f64]| amplitudes.iter().copied().fold(f64::INFINITY, f64::min);
-    let all: Vec<&Statistic> = own.iter().collect();
+    let all: Vec<&Statistic<'_>> = own.iter().collect();
     let free: Vec<Vec<f64>> = free.collect();
     let spacing_px = if waves.is_empty() { 0.0 } else { spacing_px(data) };
     let visible = waves
-        .iter()
-        .zip(free.chunks(RIPPLES.len()))
+        .par_iter()
+        .zip(free.par_chunks(RIPPLES.len()))
         .map(|(&wavelength, ripples)| {
             // Rows farther apart than a wavelength do not say that nothing lies between them.
             if wavelength < spacing_px {
@@ -114,7 +127,7 @@ pub(crate) fn look(frame: &Frame<'_>, seed: u64, wavelengths_px: &[f64], floor: 
             // What sees one ripple of a wavelength best is asked for the others.
             let mut order: Vec<usize> = (0..all.len()).collect();
             order.sort_by(|&a, &b| first[a].total_cmp(&first[b]));
-            let best: Vec<&Statistic> = order.iter().take(BEST_PATTERNS).map(|&k| all[k]).collect();
+            let best: Vec<&Statistic<'_>> = order.iter().take(BEST_PATTERNS).map(|&k| all[k]).collect();
             let others = ripples[1..].iter().map(|ripple| least(&seen_by(&best, ripple)));
             [wavelength, others.fold(least(&first), f64::max)]
         })
@@ -136,7 +149,7 @@ const BEST_PATTERNS: usize = 16;
 
 /// The amplitude with which a pattern's sum is beyond `wanted` with 95 %: with an amplitude a the sum grows by
 /// a^2 T_ripple, and beside its own it has the scatter of the ripple times the noise, a^2 times a variance.
-fn amplitude_seen(own: &Statistic, ripple: &Statistic, wanted: f64) -> f64 {
+fn amplitude_seen(own: &Statistic<'_>, ripple: &Statistic<'_>, wanted: f64) -> f64 {
     let mut square = 0.0;
     for _ in 0..20 {
         let scatter = (own.sigma * own.sigma + square * ripple.with_noise).sqrt();
@@ -163,20 +176,29 @@ pub(crate) const NINETY_FIVE: f64 = 1.645;
 fn deviate_needed(draws: &[Vec<f64>]) -> f64 {
     let mut highest: Vec<f64> =
         draws.iter().map(|draw| draw.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();
-    highest.sort_by(f64::total_cmp);
+    highest.sort_unstable_by(f64::total_cmp);
     highest[((highest.len() - 1) as f64 * 0.995).round() as usize]
 }
 
 /// The statistics of patterns, of each that has enough pairs.
-fn of_patterns(
+fn of_patterns<'p>(
     frame: &Frame<'_>,
     error: &[f64],
-    patterns: Vec<Cells>,
+    patterns: Vec<&'p Pattern>,
+    joined: &Joined,
     fewest: f64,
-) -> Vec<Option<Statistic>> {
-    let joined = Joined::of(&frame.units, frame.data);
-    let of = |cells| if joined.count < 2 { None } else { statistic(frame, error, cells, &joined, fewest) };
+) -> Vec<Option<Statistic<'p>>> {
+    let of = |pattern| if joined.count < 2 { None } else { statistic(frame, error, pattern, joined, fewest) };
     patterns.into_par_iter().map(of).collect()
+}
+
+impl Pattern {
+    fn of(frame: &Frame<'_>, cells: Cells, joined: &Joined) -> Self {
+        let counts = |row: &usize| cells.of_row[*row] != Cells::NONE && frame.weights.weight[*row] > 0.0;
+        let mut order: Vec<usize> = (0..frame.data.len()).filter(counts).collect();
+        order.sort_by_key(|&row| (cells.of_row[row], joined.of_row[row]));
+        Self { cells, order }
+    }
 }
 
 /// Units joined to at most [`MOST_UNITS`] runs.
@@ -207,19 +229,16 @@ impl Joined {
     }
 }
 
-fn statistic(
+fn statistic<'p>(
     frame: &Frame<'_>,
     error: &[f64],
-    cells: Cells,
+    pattern: &'p Pattern,
     joined: &Joined,
     fewest: f64,
-) -> Option<Statistic> {
+) -> Option<Statistic<'p>> {
     let n = frame.data.components();
-    let mut order: Vec<usize> = (0..frame.data.len())
-        .filter(|&row| cells.of_row[row] != Cells::NONE && frame.weights.weight[row] > 0.0)
-        .collect();
+    let Pattern { cells, order } = pattern;
     let (unit_of_row, units) = (&joined.of_row, joined.count);
-    order.sort_by_key(|&row| (cells.of_row[row], unit_of_row[row]));
     let mut gram = Mat::<f64>::zeros(units, units);
     let (mut pairs, mut with_noise) = (0.0, 0.0);
     // Each unit's sum in the cell, and its rows.
@@ -255,38 +274,53 @@ fn statistic(
     for g in 0..units {
         for h in 0..g {
             let value = gram[(g, h)];
-            gram[(h, g)] = value;
             total += 2.0 * value;
             squares += 4.0 * value * value;
         }
     }
     let sigma = squares.sqrt();
-    (sigma > 0.0).then_some(Statistic { cells, gram, total, sigma, pairs, with_noise })
+    (sigma > 0.0).then_some(Statistic { pattern, gram, total, sigma, pairs, with_noise })
 }
 
 /// For each draw the deviate of each pattern.
-fn drawn(statistics: &[Statistic], seed: u64) -> Vec<Vec<f64>> {
+fn drawn(statistics: &[Statistic<'_>], seed: u64) -> Vec<Vec<f64>> {
     let units = statistics.first().map_or(0, |s| s.gram.nrows());
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let signs = Mat::<f64>::from_fn(DRAWS, units, |_, _| if random.random::<bool>() { -1.0 } else { 1.0 });
     let by_pattern: Vec<Vec<f64>> = statistics
         .par_iter()
         .map(|s| {
-            let along = &signs * &s.gram;
-            (0..DRAWS)
-                .map(|draw| (0..units).map(|g| along[(draw, g)] * signs[(draw, g)]).sum::<f64>() / s.sigma)
-                .collect()
+            let mut along = Mat::<f64>::zeros(DRAWS, units);
+            triangular::matmul(
+                along.as_mut(),
+                BlockStructure::Rectangular,
+                Accum::Replace,
+                &signs,
+                BlockStructure::Rectangular,
+                &s.gram,
+                BlockStructure::StrictTriangularLower,
+                2.0,
+                Par::Seq,
+            );
+            let mut sums = vec![0.0; DRAWS];
+            for g in 0..units {
+                let products = along.col_as_slice(g).iter().zip(signs.col_as_slice(g));
+                sums.iter_mut().zip(products).for_each(|(sum, (along, sign))| *sum += along * sign);
+            }
+            sums.iter_mut().for_each(|sum| *sum /= s.sigma);
+            sums
         })
         .collect();
     (0..DRAWS).map(|draw| by_pattern.iter().map(|own| own[draw]).collect()).collect()
 }
 
-fn p_values(statistics: &[Statistic], draws: &[Vec<f64>]) -> Vec<f64> {
+fn p_values(statistics: &[Statistic<'_>], draws: &[Vec<f64>]) -> Vec<f64> {
     // Few cells have heavier tails than many: each pattern is measured on the scale of its own draws.
     let scales: Vec<(f64, f64)> = (0..statistics.len())
+        .into_par_iter()
         .map(|k| {
             let mut own: Vec<f64> = draws.iter().map(|draw| draw[k]).collect();
-            own.sort_by(f64::total_cmp);
+            own.sort_unstable_by(f64::total_cmp);
             let at = |share: f64| own[((own.len() - 1) as f64 * share).round() as usize];
             (at(0.5), (at(1.0 - TAIL) - at(0.5)).max(1e-9))
         })

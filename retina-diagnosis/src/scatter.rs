@@ -103,15 +103,17 @@ pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
     let too_flexible = found.is_none();
     let mut columns =
         found.unwrap_or_else(|| data.baseline_terms().iter().map(|term| data.column(term)).collect());
-    let wander = {
-        let fit = robust_fit(data, &columns);
-        wander::correlation(data, &fit.residual, &fit.weights)
-    };
+    let mut fit = robust_fit(data, &columns);
+    let wander = wander::correlation(data, &fit.residual, &fit.weights);
     let mut shared_within = false;
+    let as_given = data.wander == wander;
     let data = &Dataset { wander, ..data.clone() };
+    if !as_given {
+        fit = robust_fit(data, &columns);
+    }
     let flips = Flips::draw(data, FLIPS, 1);
     for _ in 0..if too_flexible { 0 } else { MOST_SCREENS } {
-        let frame = Frame::fitted(data, &columns);
+        let frame = Frame::weighted(data, &columns, fit.weights.clone());
         let all = screens(&frame);
         let p = screen_p_values(&all, &flips);
         let strongest = (0..all.len())
@@ -123,8 +125,8 @@ pub(crate) fn noise(data: &Dataset) -> Option<Noise> {
             break;
         }
         columns.extend(further);
+        fit = robust_fit(data, &columns);
     }
-    let fit = robust_fit(data, &columns);
     let weights = &fit.weights;
     let mut source = Vec::new();
     let regression = mean_square(weights);

@@ -32,6 +32,8 @@ const FOLDS: usize = 10;
 const LITTLE: f64 = 1e-9;
 /// Columns that are projected together.
 const BLOCK: usize = 24;
+/// Candidates whose columns are made together.
+const MADE_TOGETHER: usize = 2;
 
 /// A base fitted to data: what candidates are scored beside.
 pub(crate) struct Frame<'d> {
@@ -180,6 +182,19 @@ impl<'d> Frame<'d> {
         self.in_blocks(candidates, |c, kept, inverse| self.of_directions(c, kept, inverse))
     }
 
+    /// The same of candidates whose columns are made when they are needed: all at once would fill the memory.
+    pub(crate) fn scores_of<K: Sync>(
+        &self,
+        candidates: &[K],
+        columns: impl Fn(&K) -> Vec<Vec<f64>> + Sync,
+    ) -> Vec<Score> {
+        let of_some = |candidates: &[K]| {
+            let made: Vec<Vec<Vec<f64>>> = candidates.iter().map(&columns).collect();
+            self.block(&made, &|c, kept, inverse| self.of_directions(c, kept, inverse))
+        };
+        candidates.par_chunks(MADE_TOGETHER).flat_map_iter(of_some).collect()
+    }
+
     /// What many candidates gain where the scatter of groups is found anew.
     pub(crate) fn form_scores<C: AsRef<[Vec<f64>]> + Sync>(&self, candidates: &[C]) -> Vec<FormScore> {
         let levels = self.levels.get_or_init(|| LevelsLeft::of(self));
@@ -230,9 +245,14 @@ impl<'d> Frame<'d> {
     /// Whitened columns without their part along the base, and their squares before.
     fn beside<'c>(&self, columns: impl Iterator<Item = &'c Vec<f64>>) -> (Mat<f64>, Vec<f64>) {
         let whitening = self.weights.whitening(self.data);
-        let whitened: Vec<Vec<f64>> = columns.map(|c| whitening.of(c)).collect();
-        let before = whitened.iter().map(|c| dot(c, c)).collect();
-        let mut c = matrix(&whitened);
+        let columns: Vec<&Vec<f64>> = columns.collect();
+        let mut c = Mat::<f64>::zeros(self.y.len(), columns.len());
+        let whitened = |(k, column): (usize, &&Vec<f64>)| {
+            let own = c.col_as_slice_mut(k);
+            whitening.fill(column, own);
+            dot(own, own)
+        };
+        let before = columns.iter().enumerate().map(whitened).collect();
         let along = self.q.transpose() * &c;
         matmul(c.as_mut(), Accum::Add, &self.q, &along, -1.0, Par::Seq);
         (c, before)

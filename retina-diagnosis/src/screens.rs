@@ -1,10 +1,12 @@
 //! Screens: what the errors still depend on, whatever the cause.
 
+use rayon::prelude::*;
+use retina_formats::TableKind;
+
 use crate::data::Dataset;
 use crate::flips::{Flips, p_values};
 use crate::patterns::{LINEAR, TILTS, products};
 use crate::score::{Frame, Score};
-use retina_formats::TableKind;
 
 /// A screen and its score.
 pub(crate) struct Screen {
@@ -27,17 +29,19 @@ const COVARIATE_DEGREE: [usize; 2] = [8, 4];
 /// Most covariates of which pairs are screened.
 const MOST_PAIRED: usize = 8;
 
-/// Legendre's polynomials P_1..P_degree.
+/// Legendre's polynomials P_1, P_2, ... at a place.
+fn polynomials(t: f64) -> impl Iterator<Item = f64> {
+    let (mut now, mut next) = (1.0, t);
+    (1u32..).map(move |n| {
+        let n = f64::from(n);
+        (now, next) = (next, ((2.0 * n + 1.0) * t * next - n * now) / (n + 1.0));
+        now
+    })
+}
+
+/// P_1..P_degree.
 pub(crate) fn legendre(t: f64, degree: usize) -> Vec<f64> {
-    let (mut before, mut now) = (1.0, t);
-    let mut out = vec![t];
-    for n in 1..degree {
-        let n = n as f64;
-        let next = ((2.0 * n + 1.0) * t * now - n * before) / (n + 1.0);
-        (before, now) = (now, next);
-        out.push(now);
-    }
-    out
+    polynomials(t).take(degree).collect()
 }
 
 /// Mid-ranks of values, -1 to 1: screens do not depend on how a covariate is scaled. Rows without a value have none.
@@ -82,142 +86,205 @@ pub(crate) fn screened(data: &Dataset) -> Vec<&str> {
         .collect()
 }
 
-/// Every screen's columns.
-fn definitions(data: &Dataset) -> Vec<(Vec<String>, Vec<Vec<f64>>)> {
-    let n = data.kind.components();
-    let (x, y) = (data.values("x"), data.values("y"));
-    let rows = data.len();
-    let degree = COVARIATE_DEGREE[n - 1];
-    // A function of the row along each axis, and for points also along and across the radius.
-    let shaped = |values: &[f64]| -> Vec<Vec<f64>> {
-        if n == 1 {
+/// P_1..P_degree of values, a column each; rows without a value have 0.
+fn legendre_columns(values: &[f64], degree: usize) -> Vec<Vec<f64>> {
+    let mut out = vec![vec![0.0; values.len()]; degree];
+    for (row, t) in values.iter().enumerate().filter(|(_, t)| !t.is_nan()) {
+        out.iter_mut().zip(polynomials(*t)).for_each(|(column, value)| column[row] = value);
+    }
+    out
+}
+
+/// What a screen's columns are made of. A covariate is its number among those that are screened.
+#[derive(Clone, Copy)]
+enum Kind {
+    /// Polynomials of a covariate, or harmonics of a phase.
+    Covariate(usize),
+    /// Polynomials over the field up to a degree.
+    Field(usize),
+    /// Swings in time of so many half cycles, first and last: of all points alike, or with the place.
+    Swings(usize, usize),
+    PlacedSwings(usize, usize),
+    /// Polynomials over the field that change with a covariate.
+    FieldTimes(usize),
+    /// What is linear in the place and in a covariate.
+    LinearTimes(usize),
+    /// The product of two covariates.
+    Product(usize, usize),
+}
+
+/// The screens of a table: what they are made of, and their columns where they are asked for.
+struct Definitions<'d> {
+    data: &'d Dataset,
+    names: Vec<&'d str>,
+    /// Ranks of each covariate.
+    ranked: Vec<Vec<f64>>,
+    /// P_0, P_1, ... of x and of y, for points.
+    along: [Vec<Vec<f64>>; 2],
+}
+
+impl<'d> Definitions<'d> {
+    fn of(data: &'d Dataset) -> Self {
+        let names = screened(data);
+        let ranked = names.par_iter().map(|name| ranks(data.values(name))).collect();
+        let of_axis = |values: &[f64]| {
+            let scaled: Vec<f64> = values.iter().map(|v| v / 1.3).collect();
+            let mut out = vec![vec![1.0; values.len()]];
+            out.extend(legendre_columns(&scaled, FIELD_DEGREE));
+            out
+        };
+        let along = match data.kind.components() {
+            1 => [Vec::new(), Vec::new()],
+            _ => ["x", "y"].map(|axis| of_axis(data.values(axis))),
+        };
+        Self { data, names, ranked, along }
+    }
+
+    fn is_phase(&self, covariate: usize) -> bool {
+        self.names[covariate].contains("_phase_")
+    }
+
+    fn kinds(&self) -> Vec<Kind> {
+        let covariates = 0..self.names.len();
+        let mut out: Vec<Kind> = covariates.clone().map(Kind::Covariate).collect();
+        if self.data.kind.components() == 2 {
+            out.extend([FIELD_DEGREE, SMOOTH_DEGREE].map(Kind::Field));
+            if self.names.contains(&"time_s") {
+                // A swing that is faster than every second group is not told from another.
+                let most = (*SWINGS.end()).min(self.data.groups.len() / 2);
+                let last = |first: usize| (first + BAND - 1).min(most);
+                // A swing of any phase lies in a few neighbours: bands of these show it among few columns.
+                let bands = (*SWINGS.start()..=most).step_by(BAND / 2);
+                out.extend(bands.map(|first| Kind::Swings(first, last(first))));
+                // Slow ones that are linear in the place, or a keystone.
+                let slow = (1..=SLOW.min(most)).step_by(BAND / 2);
+                out.extend(slow.map(|first| Kind::PlacedSwings(first, last(first))));
+            }
+            for covariate in covariates.filter(|&covariate| !self.is_phase(covariate)) {
+                out.extend([Kind::FieldTimes(covariate), Kind::LinearTimes(covariate)]);
+            }
+        }
+        for i in 0..self.names.len().min(MOST_PAIRED) {
+            out.extend((0..i).map(|j| Kind::Product(i, j)));
+        }
+        out
+    }
+
+    /// Names of the columns that a screen is over.
+    fn covariates(&self, kind: Kind) -> Vec<String> {
+        let names: &[&str] = match kind {
+            Kind::Covariate(k) | Kind::LinearTimes(k) => &[self.names[k]],
+            Kind::Field(_) => &["x", "y"],
+            Kind::Swings(..) => &["time_s"],
+            Kind::PlacedSwings(..) => &["time_s", "x", "y"],
+            Kind::FieldTimes(k) => &[self.names[k], "x", "y"],
+            Kind::Product(i, j) => &[self.names[j], self.names[i]],
+        };
+        names.iter().map(|name| (*name).to_owned()).collect()
+    }
+
+    fn columns(&self, kind: Kind) -> Vec<Vec<f64>> {
+        let on_axes = |values: Vec<f64>| on_axes(&values);
+        match kind {
+            Kind::Covariate(k) if self.is_phase(k) => {
+                let harmonic = |harmonic: f64| {
+                    let angles = self.data.values(self.names[k]).iter();
+                    let angles: Vec<f64> = angles.map(|v| std::f64::consts::TAU * harmonic * v).collect();
+                    [f64::sin, f64::cos].map(|of| angles.iter().copied().map(of).collect())
+                };
+                [1.0, 2.0, 3.0].into_iter().flat_map(harmonic).flat_map(on_axes).collect()
+            }
+            Kind::Covariate(k) => {
+                let degree = COVARIATE_DEGREE[self.data.kind.components() - 1];
+                let basis = legendre_columns(&self.ranked[k], degree);
+                basis.iter().flat_map(|values| self.shaped(values)).collect()
+            }
+            Kind::Field(degree) => self.field(degree).flat_map(on_axes).collect(),
+            Kind::Swings(first, last) => (first..=last).map(|k| self.swing(k)).flat_map(on_axes).collect(),
+            Kind::PlacedSwings(first, last) => {
+                let band: Vec<Vec<f64>> = (first..=last).map(|k| self.swing(k)).collect();
+                products(self.data, &[&LINEAR[2..], &TILTS].concat(), &band)
+            }
+            Kind::FieldTimes(k) => {
+                // The middle step sees what changes at once.
+                let forms: [fn(f64) -> f64; 3] = [|t| t, |t| 1.5 * t * t - 0.5, f64::signum];
+                let low: Vec<Vec<f64>> = self.field(3).collect();
+                let times = |form: fn(f64) -> f64| {
+                    let own: Vec<f64> = self.ranked[k].iter().map(|t| form(*t)).collect();
+                    low.iter().map(|values| product(values, &own)).collect::<Vec<_>>()
+                };
+                forms.into_iter().flat_map(times).flat_map(on_axes).collect()
+            }
+            Kind::LinearTimes(k) => {
+                let rank = &self.ranked[k];
+                let placed = self.field(1).map(|values| product(&values, rank));
+                std::iter::once(rank.clone()).chain(placed).flat_map(on_axes).collect()
+            }
+            Kind::Product(i, j) => {
+                let both = |(a, b): (&f64, &f64)| if (a * b).is_nan() { 0.0 } else { a * b };
+                let values: Vec<f64> = self.ranked[i].iter().zip(&self.ranked[j]).map(both).collect();
+                self.shaped(&values)
+            }
+        }
+    }
+
+    /// A function of the row along each axis, and for points also along and across the radius.
+    fn shaped(&self, values: &[f64]) -> Vec<Vec<f64>> {
+        if self.data.kind.components() == 1 {
             return vec![values.to_vec()];
         }
-        let make = |of: &dyn Fn(usize) -> [f64; 2]| (0..rows).flat_map(of).collect::<Vec<f64>>();
+        let (x, y) = (self.data.values("x"), self.data.values("y"));
+        let make = |of: &dyn Fn(usize) -> [f64; 2]| (0..values.len()).flat_map(of).collect::<Vec<f64>>();
         vec![
             make(&|i| [values[i], 0.0]),
             make(&|i| [0.0, values[i]]),
             make(&|i| [x[i] * values[i], y[i] * values[i]]),
             make(&|i| [-y[i] * values[i], x[i] * values[i]]),
         ]
-    };
-    let on_axes = |values: &[f64]| -> [Vec<f64>; 2] {
-        [values.iter().flat_map(|v| [*v, 0.0]).collect(), values.iter().flat_map(|v| [0.0, *v]).collect()]
-    };
-    let names = screened(data);
-    let ranked: Vec<Vec<f64>> = names.iter().map(|name| ranks(data.values(name))).collect();
-    let mut out = Vec::new();
-    for (name, rank) in names.iter().zip(&ranked) {
-        let mut columns = Vec::new();
-        if name.contains("_phase_") {
-            for harmonic in [1.0, 2.0, 3.0] {
-                let angle = |v: &f64| std::f64::consts::TAU * harmonic * v;
-                for values in [
-                    data.values(name).iter().map(|v| angle(v).sin()).collect::<Vec<f64>>(),
-                    data.values(name).iter().map(|v| angle(v).cos()).collect(),
-                ] {
-                    columns.extend(on_axes(&values));
-                }
-            }
-        } else {
-            let of = |t: &f64| if t.is_nan() { vec![0.0; degree] } else { legendre(*t, degree) };
-            let basis: Vec<Vec<f64>> = rank.iter().map(of).collect();
-            for k in 0..degree {
-                columns.extend(shaped(&basis.iter().map(|b| b[k]).collect::<Vec<f64>>()));
-            }
-        }
-        out.push((vec![(*name).to_owned()], columns));
     }
-    if n == 2 {
-        let of = |values: &[f64]| -> Vec<Vec<f64>> {
-            values.iter().map(|v| [vec![1.0], legendre(v / 1.3, FIELD_DEGREE)].concat()).collect()
-        };
-        let (px, py) = (of(x), of(y));
-        let field = |degree: usize| -> Vec<Vec<f64>> {
-            let mut out = Vec::new();
-            for total in 1..=degree {
-                for i in 0..=total {
-                    out.push((0..rows).map(|row| px[row][i] * py[row][total - i]).collect());
-                }
-            }
-            out
-        };
-        for degree in [FIELD_DEGREE, SMOOTH_DEGREE] {
-            out.push((vec!["x".into(), "y".into()], field(degree).iter().flat_map(|v| on_axes(v)).collect()));
-        }
-        if let Some(at) = names.iter().position(|name| *name == "time_s") {
-            // A swing that is faster than every second group is not told from another.
-            let most = (*SWINGS.end()).min(data.groups.len() / 2);
-            let swing = |k: usize| -> Vec<f64> {
-                let half_cycles = std::f64::consts::FRAC_PI_2 * k as f64;
-                ranked[at].iter().map(|t| (half_cycles * (t + 1.0)).cos()).collect()
-            };
-            // A swing of any phase lies in a few neighbours: bands of these show it among few columns.
-            for first in (*SWINGS.start()..=most).step_by(BAND / 2) {
-                let columns = (first..=(first + BAND - 1).min(most)).flat_map(|k| on_axes(&swing(k)));
-                out.push((vec!["time_s".to_owned()], columns.collect()));
-            }
-            // Slow ones that are linear in the place, or a keystone.
-            let patterns = [&LINEAR[2..], &TILTS].concat();
-            for first in (1..=SLOW.min(most)).step_by(BAND / 2) {
-                let band: Vec<Vec<f64>> = (first..=(first + BAND - 1).min(most)).map(swing).collect();
-                out.push((
-                    vec!["time_s".to_owned(), "x".into(), "y".into()],
-                    products(data, &patterns, &band),
-                ));
-            }
-        }
-        let low = field(3);
-        for (name, rank) in names.iter().zip(&ranked) {
-            if name.contains("_phase_") {
-                continue;
-            }
-            let mut columns = Vec::new();
-            // The middle step sees what changes at once.
-            let forms: [fn(f64) -> f64; 3] = [|t| t, |t| 1.5 * t * t - 0.5, f64::signum];
-            for form in forms {
-                for values in &low {
-                    let product: Vec<f64> = values.iter().zip(rank).map(|(v, t)| v * form(*t)).collect();
-                    columns.extend(on_axes(&product));
-                }
-            }
-            out.push((vec![(*name).to_owned(), "x".into(), "y".into()], columns));
-            // Terms linear in the place and in the rank alone.
-            let linear = |values: &[f64]| values.iter().zip(rank).map(|(v, t)| v * t).collect::<Vec<f64>>();
-            let places = field(1);
-            let columns = std::iter::once(rank.clone()).chain(places.iter().map(|v| linear(v)));
-            out.push((vec![(*name).to_owned()], columns.flat_map(|v| on_axes(&v)).collect()));
-        }
+
+    /// Products of polynomials of x and y, of degrees 1 to `degree` together.
+    fn field(&self, degree: usize) -> impl Iterator<Item = Vec<f64>> {
+        let [x, y] = &self.along;
+        let of_total = move |total: usize| (0..=total).map(move |i| product(&x[i], &y[total - i]));
+        (1..=degree).flat_map(of_total)
     }
-    for i in 0..names.len().min(MOST_PAIRED) {
-        for j in 0..i {
-            let both = |(a, b): (&f64, &f64)| if (a * b).is_nan() { 0.0 } else { a * b };
-            let product: Vec<f64> = ranked[i].iter().zip(&ranked[j]).map(both).collect();
-            out.push((vec![names[j].to_owned(), names[i].to_owned()], shaped(&product)));
-        }
+
+    /// A cosine of so many half cycles over the ranks of time.
+    fn swing(&self, half_cycles: usize) -> Vec<f64> {
+        let Some(time) = self.names.iter().position(|name| *name == "time_s") else { return Vec::new() };
+        let half_cycles = std::f64::consts::FRAC_PI_2 * half_cycles as f64;
+        self.ranked[time].iter().map(|t| (half_cycles * (t + 1.0)).cos()).collect()
     }
-    out
+}
+
+fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a * b).collect()
+}
+
+/// Values along x, and the same along y.
+fn on_axes(values: &[f64]) -> [Vec<f64>; 2] {
+    [values.iter().flat_map(|v| [*v, 0.0]).collect(), values.iter().flat_map(|v| [0.0, *v]).collect()]
 }
 
 /// Scores of all screens beside a frame's base.
 pub(crate) fn screens(frame: &Frame<'_>) -> Vec<Screen> {
-    let (names, columns): (Vec<_>, Vec<_>) = definitions(frame.data).into_iter().unzip();
-    let scores = frame.scores(&columns);
-    names
+    let definitions = Definitions::of(frame.data);
+    let kinds = definitions.kinds();
+    let scores = frame.scores_of(&kinds, |kind| definitions.columns(*kind));
+    kinds
         .into_iter()
         .zip(scores)
         .filter(|(_, score)| score.rank() > 0)
-        .map(|(covariates, score)| Screen { covariates, score })
+        .map(|(kind, score)| Screen { covariates: definitions.covariates(kind), score })
         .collect()
 }
 
 /// Columns of the screens over these covariates.
 pub(crate) fn columns_of(data: &Dataset, covariates: &[String]) -> Vec<Vec<f64>> {
-    definitions(data)
-        .into_iter()
-        .filter(|(names, _)| names == covariates)
-        .flat_map(|(_, columns)| columns)
-        .collect()
+    let definitions = Definitions::of(data);
+    let own = definitions.kinds().into_iter().filter(|kind| definitions.covariates(*kind) == covariates);
+    own.flat_map(|kind| definitions.columns(kind)).collect()
 }
 
 /// p-values of screens, corrected for their number.

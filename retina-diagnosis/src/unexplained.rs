@@ -53,14 +53,19 @@ pub(crate) fn unexplained(
     flips: &Flips,
 ) -> Unexplained {
     let data = frame.data;
-    let all = screens(frame);
-    let levels = level_column(frame);
+    let tested = || {
+        let all = screens(frame);
+        let p = screen_p_values(&all, flips);
+        (all, p)
+    };
+    let neighbours = || look(frame, PAIRS_SEED, &WAVELENGTHS_PX, FLOOR_SHARED);
+    let ((all, p), (levels, Look { mut shared, mut visible })) =
+        rayon::join(tested, || rayon::join(|| level_column(frame), neighbours));
     // Two tests, of pixels and of levels one more, the smallest p-value of which counts: it is corrected for their number
     // (Z. Sidak, JASA 62, 1967).
     let tests = 2.0 + f64::from(u8::from(data.pixels().is_some())) + f64::from(u8::from(levels.is_some()));
     let of_all = |p: f64| -(tests * (-p).ln_1p()).exp_m1();
-    let p: Vec<f64> = screen_p_values(&all, flips).into_iter().map(of_all).collect();
-    let Look { mut shared, mut visible } = look(frame, PAIRS_SEED, &WAVELENGTHS_PX, FLOOR_SHARED);
+    let p: Vec<f64> = p.into_iter().map(of_all).collect();
     if let Some(pixels) = data.pixels() {
         let near = lags::look(frame, pixels, FLOOR_SHARED);
         shared.extend(near.shared);

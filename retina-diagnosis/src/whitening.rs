@@ -29,11 +29,16 @@ struct WhitenedGroup {
 impl Whitening<'_> {
     /// A column, followed by the 0 that it is to each part of the calibration's error.
     pub(crate) fn of(&self, column: &[f64]) -> Vec<f64> {
-        let mut out = Vec::with_capacity(column.len() + self.data.field_len());
-        out.extend_from_slice(column);
-        self.apply(&mut out);
-        out.resize(column.len() + self.data.field_len(), 0.0);
+        let mut out = vec![0.0; column.len() + self.data.field_len()];
+        self.fill(column, &mut out);
         out
+    }
+
+    /// The same into memory that is given, of zeros.
+    pub(crate) fn fill(&self, column: &[f64], out: &mut [f64]) {
+        let own = &mut out[..column.len()];
+        own.copy_from_slice(column);
+        self.apply(own);
     }
 
     fn apply(&self, column: &mut [f64]) {
