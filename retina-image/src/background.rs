@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use rayon::prelude::*;
+use retina_simd::{Kernel, Level};
 
 use crate::CameraImage;
 use crate::alike::alike;
@@ -60,6 +61,7 @@ impl Mesh {
         fill: impl Fn(Range<usize>, Range<usize>, &mut Vec<f32>) + Sync,
     ) -> Vec<([f32; 2], usize)> {
         let [width, height] = self.size_px;
+        let level = Level::detect();
         let cell = |(sample, deviation): &mut (Vec<f32>, Vec<f32>), cell: usize| {
             let (row, column) = (cell / self.columns, cell % self.columns);
             sample.clear();
@@ -68,7 +70,8 @@ impl Mesh {
                 row * height / self.rows..(row + 1) * height / self.rows,
                 sample,
             );
-            (clipped(sample, deviation, |level_dn| image.step_dn(level_dn)), sample.len())
+            let node = level.run(Clipped { sample, deviation, step_dn: |level_dn| image.step_dn(level_dn) });
+            (node, sample.len())
         };
         let cells = (0..self.rows * self.columns).into_par_iter().with_min_len(16);
         cells.map_with((Vec::new(), Vec::new()), cell).collect()
@@ -223,6 +226,7 @@ const LANES: usize = 8;
 
 /// The value in the middle of the sorted ones. The range it lies in is halved by counting, which takes several values at a
 /// time, until few are left to choose from.
+#[inline(always)]
 fn median(values: &mut [f32]) -> f32 {
     // Whole numbers have many equal ones, which no halving parts.
     const FEW: usize = 48;
@@ -240,7 +244,11 @@ fn median(values: &mut [f32]) -> f32 {
             break;
         }
         // No more than an image's pixels: a check for overflow would keep it from counting several at once.
-        let count = values.iter().fold(0u32, |count, &v| count.wrapping_add(u32::from(v < pivot))) as usize;
+        let mut count = 0u32;
+        for &value in values.iter() {
+            count = count.wrapping_add(u32::from(value < pivot));
+        }
+        let count = count as usize;
         if count > middle {
             (high, end, up_to) = (pivot, pivot, count);
         } else {
@@ -266,6 +274,7 @@ fn median(values: &mut [f32]) -> f32 {
     *left[..count].select_nth_unstable_by(middle - below, f32::total_cmp).1
 }
 
+#[inline(always)]
 fn least_and_greatest(values: &[f32]) -> (f32, f32) {
     let (mut low, mut high) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
     for block in values.chunks(LANES) {
@@ -277,8 +286,25 @@ fn least_and_greatest(values: &[f32]) -> (f32, f32) {
     (low.into_iter().fold(f32::INFINITY, f32::min), high.into_iter().fold(f32::NEG_INFINITY, f32::max))
 }
 
+/// See [`clipped`].
+struct Clipped<'a, F> {
+    sample: &'a mut [f32],
+    deviation: &'a mut Vec<f32>,
+    step_dn: F,
+}
+
+impl<F: Fn(f32) -> f32> Kernel for Clipped<'_, F> {
+    type Output = [f32; 2];
+
+    #[inline(always)]
+    fn run(self) -> [f32; 2] {
+        clipped(self.sample, self.deviation, self.step_dn)
+    }
+}
+
 /// Clipped mean and standard deviation, the latter at least that of rounding to steps. The median of whole digital
 /// numbers is a whole number, too coarse for a level; it only says where to clip.
+#[inline(always)]
 fn clipped(sample: &mut [f32], deviation: &mut Vec<f32>, step_dn: impl Fn(f32) -> f32) -> [f32; 2] {
     if sample.is_empty() {
         return [0.0, 0.0];
@@ -308,25 +334,24 @@ fn clipped(sample: &mut [f32], deviation: &mut Vec<f32>, step_dn: impl Fn(f32) -
 }
 
 /// Number of values within a distance of a middle, sum of their offsets from it, and of their squares.
+#[inline(always)]
 fn clipped_sums(values: &[f32], middle: f32, limit: f32) -> [f64; 3] {
     let mut sums = [[0.0f32; LANES]; 3];
-    let mut add = |block: &[f32; LANES]| {
+    let (blocks, rest) = values.as_chunks::<LANES>();
+    // What is infinitely far is not kept.
+    let mut last = [f32::INFINITY; LANES];
+    last[..rest.len()].copy_from_slice(rest);
+    for block in blocks.iter().chain([&last]) {
         let [counts, offsets, squares] = &mut sums;
-        for (k, &value) in block.iter().enumerate() {
-            let off = value - middle;
+        for k in 0..LANES {
+            let off = block[k] - middle;
             let kept = off.abs() <= limit;
             let off = if kept { off } else { 0.0 };
             counts[k] += if kept { 1.0 } else { 0.0 };
             offsets[k] += off;
             squares[k] += off * off;
         }
-    };
-    let (blocks, rest) = values.as_chunks::<LANES>();
-    blocks.iter().for_each(&mut add);
-    // What is infinitely far is not kept.
-    let mut last = [f32::INFINITY; LANES];
-    last[..rest.len()].copy_from_slice(rest);
-    add(&last);
+    }
     sums.map(|lanes| lanes.iter().map(|&sum| f64::from(sum)).sum())
 }
 

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use rayon::prelude::*;
+use retina_simd::{Kernel, Level};
 
 use crate::detect::Peak;
 use crate::{Background, CameraImage};
@@ -35,17 +36,18 @@ pub(crate) fn candidates(
     if width < 3 || height < 3 {
         return Vec::new();
     }
+    let level = Level::detect();
     let bands: Vec<Vec<[usize; 2]>> = (0..(height - 2).div_ceil(BAND_ROWS))
         .into_par_iter()
         .map(|band| {
-            let mut found = Vec::new();
+            let (mut found, mut blocks) = (Vec::new(), Vec::new());
             let mut bound = Bound::new(width);
             let last = (1 + (band + 1) * BAND_ROWS).min(height - 1);
             for first in (1 + band * BAND_ROWS..last).step_by(BOUND_ROWS) {
                 let rows = first..(first + BOUND_ROWS).min(last);
                 bound.set(background, rows.clone(), threshold_sigma);
                 for y in rows {
-                    bound.each_exceeded(image, y, |x| {
+                    bound.each_exceeded(image, y, (level, &mut blocks), |x| {
                         if is_candidate(image, background, threshold_sigma, x, y) {
                             found.push([x, y]);
                         }
@@ -58,6 +60,34 @@ pub(crate) fn candidates(
         })
         .collect();
     bands.concat()
+}
+
+/// Finds the blocks of a row that have a column whose sum over three rows is above its bound.
+struct Bright<'a> {
+    rows: [&'a [f32]; 3],
+    bounds: &'a [f32],
+    blocks: &'a mut Vec<usize>,
+}
+
+impl Kernel for Bright<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.blocks.clear();
+        let [(above, _), (own, _), (below, _)] = self.rows.map(|row| row.as_chunks::<BLOCK>());
+        let (bounds, _) = self.bounds.as_chunks::<BLOCK>();
+        for (block, (((a, b), c), bound)) in above.iter().zip(own).zip(below).zip(bounds).enumerate() {
+            // Without branches, so that several columns are compared at once.
+            let mut any = 0;
+            for k in 0..BLOCK {
+                any |= u32::from(a[k] + b[k] + c[k] > bound[k]);
+            }
+            if any != 0 {
+                self.blocks.push(block);
+            }
+        }
+    }
 }
 
 /// Lower bounds for some rows, column by column, DN.
@@ -94,8 +124,14 @@ impl Bound {
     }
 
     /// Calls `found` with the columns of a row whose sum is above the bound and not below its neighbours', some of them
-    /// twice.
-    fn each_exceeded(&self, image: &CameraImage, y: usize, mut found: impl FnMut(usize)) {
+    /// twice. `blocks` is work space.
+    fn each_exceeded(
+        &self,
+        image: &CameraImage,
+        y: usize,
+        (level, blocks): (Level, &mut Vec<usize>),
+        mut found: impl FnMut(usize),
+    ) {
         let width = self.nine.len();
         let rows = [y - 1, y, y + 1].map(|row| image.row(row));
         // A bright column is in the sums about those beside it, too, which may be in the next block.
@@ -103,17 +139,11 @@ impl Bound {
             let near = columns.start.saturating_sub(1).max(1)..(columns.end + 1).min(width - 1);
             self.exceeded(rows, near, &mut found);
         };
-        let [(above, _), (own, _), (below, _)] = rows.map(|row| row.as_chunks::<BLOCK>());
-        let (bounds, rest) = self.three.as_chunks::<BLOCK>();
-        for (block, (((a, b), c), bound)) in above.iter().zip(own).zip(below).zip(bounds).enumerate() {
-            // Without branches, so that several columns are compared at once.
-            let any = (0..BLOCK).fold(0u32, |any, k| any | u32::from(a[k] + b[k] + c[k] > bound[k]));
-            if any != 0 {
-                look(block * BLOCK..(block + 1) * BLOCK);
-            }
-        }
-        if !rest.is_empty() {
-            look(width - rest.len()..width);
+        level.run(Bright { rows, bounds: &self.three, blocks });
+        blocks.iter().for_each(|block| look(block * BLOCK..(block + 1) * BLOCK));
+        let rest = width % BLOCK;
+        if rest > 0 {
+            look(width - rest..width);
         }
     }
 
