@@ -1,5 +1,7 @@
 //! A camera image: grey digital numbers.
 
+use rayon::prelude::*;
+
 /// A grey image as the camera gave it: digital numbers (DN), row by row, linear in light.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraImage {
@@ -44,6 +46,19 @@ impl CameraImage {
         self.values[row * self.width_px as usize + column]
     }
 
+    /// Number of pixels that have a digital number or more.
+    pub fn count_from(&self, dn: f32) -> usize {
+        // In parts that 32 bits count: several pixels at a time, which a check of each sum for overflow would prevent.
+        let of_part = |part: &[f32]| {
+            let mut count = 0u32;
+            for &value in part {
+                count = count.wrapping_add(u32::from(value >= dn));
+            }
+            count as usize
+        };
+        self.values.par_chunks(1 << 16).map(of_part).sum()
+    }
+
     /// Distance of neighbouring digital numbers at a level, DN.
     pub(crate) fn step_dn(&self, level_dn: f32) -> f32 {
         match self.steps {
@@ -67,6 +82,14 @@ fn srgb_slope(light: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pixels_are_counted_in_all_parts() {
+        let mut image = CameraImage::new(701, 300, 255.0);
+        image.values.iter_mut().step_by(7).for_each(|value| *value = 200.0);
+        image.values[3] = 199.5;
+        assert_eq!([200.0, 199.5, 0.0, 201.0].map(|dn| image.count_from(dn)), [30_043, 30_044, 210_300, 0]);
+    }
 
     #[test]
     fn srgb_is_decoded_and_its_steps_are_its_differences() {

@@ -56,7 +56,7 @@ impl Seen {
         context: &ImageContext,
     ) -> Self {
         let full = options.saturation_dn.unwrap_or(image.full_scale_dn);
-        let saturated = image.values.iter().filter(|value| **value >= full).count();
+        let saturated = image.count_from(full);
         Self {
             points: points.len(),
             on_edges: points.iter().filter(|point| point.on_edge).count(),

@@ -208,7 +208,7 @@ impl LimbLook {
 pub fn first_look(image: &CameraImage, camera: &LimbCamera, body: &LimbBody) -> Option<LimbLook> {
     let seen = coarse(image, outline_shape(camera, body))?;
     let saturation = image.full_scale_dn * 0.995;
-    let saturated = image.values.iter().filter(|value| **value >= saturation).count();
+    let saturated = image.count_from(saturation);
     Some(LimbLook {
         center_px: seen.center_px,
         radius_px: seen.radius_px,
