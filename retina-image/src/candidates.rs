@@ -47,7 +47,7 @@ pub(crate) fn candidates(
                 let rows = first..(first + BOUND_ROWS).min(last);
                 bound.set(background, rows.clone(), threshold_sigma);
                 for y in rows {
-                    bound.each_exceeded(image, y, (level, &mut blocks), |x| {
+                    bound.each_exceeded(image, y, level, &mut blocks, |x| {
                         if is_candidate(image, background, threshold_sigma, x, y) {
                             found.push([x, y]);
                         }
@@ -129,7 +129,8 @@ impl Bound {
         &self,
         image: &CameraImage,
         y: usize,
-        (level, blocks): (Level, &mut Vec<usize>),
+        level: Level,
+        blocks: &mut Vec<usize>,
         mut found: impl FnMut(usize),
     ) {
         let width = self.nine.len();
