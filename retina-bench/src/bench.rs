@@ -13,7 +13,7 @@ use crate::display::lit;
 use crate::light::{Focused, Light};
 use crate::optics::{
     BenchOptics, CameraPose, ExposurePose, Landed, OpticsDetail, PointImage, SceneLight, Shown, Source,
-    channel_lines, facility_system,
+    Stray, channel_lines, facility_system,
 };
 use crate::sensor::Rows;
 use crate::{BenchError, Display, GroupOffset, Imperfections, ScreenImage, Sensor};
@@ -189,7 +189,15 @@ impl Bench {
 
     /// As [`Bench::light_e`], of light that has landed.
     pub fn landed_e(&self, landed: Landed, exposure: &Exposure) -> Vec<f32> {
-        let light = self.light(landed, exposure);
+        self.image_of(self.light(landed, exposure))
+    }
+
+    /// As [`Bench::light_e`], of light that has landed, without ghosts and veiling glare.
+    pub fn focused_e(&self, landed: &Landed, exposure: &Exposure) -> Vec<f32> {
+        self.image_of(Light { focused: self.focused(landed, exposure), stray: Stray::Even(0.0) })
+    }
+
+    fn image_of(&self, light: Light) -> Vec<f32> {
         let width = self.setup.camera.width_px as usize;
         let mut image = self.buffers.take(width * self.setup.camera.height_px as usize);
         let rows = image.par_chunks_exact_mut(width).enumerate();
@@ -200,25 +208,38 @@ impl Bench {
 
     /// Light that has landed, on the sensor.
     fn light(&self, landed: Landed, exposure: &Exposure) -> Light {
-        let spots = match &landed {
-            Landed::Points(sources) => self.optics.spots(sources),
-            Landed::Scene(_) => None,
-        };
-        let focused = spots.map_or_else(
-            || Focused::Image(self.focused_e(&landed, exposure)),
-            |spots| Focused::Spots { black: self.black_e(exposure), spots },
-        );
-        let stray = self.optics.stray(&landed);
+        let (focused, stray) = (self.focused(&landed, exposure), self.optics.stray(&landed));
         if let Landed::Scene(light) = landed {
             light.planes.into_iter().for_each(|plane| self.buffers.give_back(plane));
         }
         Light { focused, stray }
     }
 
+    fn focused(&self, landed: &Landed, exposure: &Exposure) -> Focused {
+        let black = self.black_e(exposure);
+        let patches = match landed {
+            Landed::Points(sources) => self.optics.spots(sources).ok_or(sources),
+            Landed::Scene(light) => Ok(self.optics.tiles(light, &self.buffers)),
+        };
+        match patches {
+            Ok(patches) => Focused::Patches { black, patches },
+            Err(sources) => {
+                let size = self.setup.camera.width_px as usize * self.setup.camera.height_px as usize;
+                let mut image = self.buffers.take(size);
+                image.par_chunks_mut(1 << 16).for_each(|part| part.fill(black));
+                self.optics.add_points(&mut image, sources);
+                Focused::Image(image)
+            }
+        }
+    }
+
     /// Keeps the memory of a light that is done with.
     fn recycle(&self, light: Light) {
-        if let Focused::Image(image) = light.focused {
-            self.buffers.give_back(image);
+        match light.focused {
+            Focused::Image(image) => self.buffers.give_back(image),
+            Focused::Patches { patches, .. } => {
+                patches.into_buffers().for_each(|buffer| self.buffers.give_back(buffer));
+            }
         }
     }
 
@@ -241,19 +262,6 @@ impl Bench {
         let full_electrons = self.full_e_s.map(|e| e * exposure.exposure_s);
         let shown = Shown { display: &self.display, screen, mura, full_electrons };
         Ok(self.optics.scene(shown, &exposure.pose, &self.buffers))
-    }
-
-    /// As [`Bench::light_e`], of light that has landed, without ghosts and veiling glare.
-    pub fn focused_e(&self, landed: &Landed, exposure: &Exposure) -> Vec<f32> {
-        let size = self.setup.camera.width_px as usize * self.setup.camera.height_px as usize;
-        let black = self.black_e(exposure);
-        let mut image = self.buffers.take(size);
-        image.par_chunks_mut(1 << 16).for_each(|part| part.fill(black));
-        match landed {
-            Landed::Points(sources) => self.optics.add_points(&mut image, sources),
-            Landed::Scene(light) => self.optics.add_scene(&mut image, light),
-        }
-        image
     }
 
     /// Electrons a camera pixel of the screen's black, whose pixels are smaller than the camera's spots: it is even.

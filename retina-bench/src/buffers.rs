@@ -2,8 +2,10 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// At most so many are kept.
-const MOST: usize = 8;
+/// At most so many numbers are kept: 256 MB.
+const MOST: usize = 64 << 20;
+/// Smaller ones are not worth it.
+const LEAST: usize = 1 << 14;
 
 /// Buffers that no one uses.
 #[derive(Debug, Default)]
@@ -19,7 +21,7 @@ impl Buffers {
 
     pub(crate) fn give_back(&self, buffer: Vec<f32>) {
         let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if kept.len() < MOST {
+        if buffer.len() >= LEAST && kept.iter().map(Vec::len).sum::<usize>() + buffer.len() <= MOST {
             kept.push(buffer);
         }
     }

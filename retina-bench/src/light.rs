@@ -3,7 +3,9 @@
 //! An image of it would go through memory at each step: the screen's black, spots, stray light, the sensor. A row stays
 //! in the processor's cache.
 
-use crate::optics::{Spots, Stray};
+use retina_simd::{Kernel, Level};
+
+use crate::optics::{Patches, Stray};
 
 /// Mean electrons of each pixel that the screen's light makes.
 pub(crate) struct Light {
@@ -13,8 +15,8 @@ pub(crate) struct Light {
 
 /// What the optics bring to a focus.
 pub(crate) enum Focused {
-    /// Spots on the screen's black.
-    Spots { black: f32, spots: Spots },
+    /// Spots or a scene's tiles on the screen's black.
+    Patches { black: f32, patches: Patches },
     /// Everything, row by row.
     Image(Vec<f32>),
 }
@@ -22,14 +24,31 @@ pub(crate) enum Focused {
 impl Light {
     /// Row `y`; `line` is work space.
     pub(crate) fn row(&self, y: usize, row: &mut [f32], line: &mut Vec<f32>) {
-        match &self.focused {
-            Focused::Spots { black, spots } => {
+        Level::detect().run(Row { light: self, y, row, line });
+    }
+}
+
+struct Row<'a> {
+    light: &'a Light,
+    y: usize,
+    row: &'a mut [f32],
+    line: &'a mut Vec<f32>,
+}
+
+impl Kernel for Row<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { light, y, row, line } = self;
+        match &light.focused {
+            Focused::Patches { black, patches } => {
                 row.fill(*black);
-                spots.add_to_row(y, row);
+                patches.add_to_row(y, row);
             }
             Focused::Image(image) => row.copy_from_slice(&image[y * row.len()..(y + 1) * row.len()]),
         }
-        self.stray.add_to_row(y, row, line);
+        light.stray.add_to_row(y, row, line);
         row.iter_mut().for_each(|value| *value = value.max(0.0));
     }
 }

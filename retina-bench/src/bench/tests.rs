@@ -123,7 +123,8 @@ fn points_and_scenes_agree() {
         let mut points = vec![0f32; 2048 * 1536];
         let mut scene = points.clone();
         bench.optics().add_points(&mut points, &sources);
-        bench.optics().add_scene(&mut scene, &bench.scene(&screen, &exposure).unwrap());
+        let tiles = bench.optics().tiles(&bench.scene(&screen, &exposure).unwrap(), &bench.buffers);
+        scene.chunks_exact_mut(2048).enumerate().for_each(|(y, row)| tiles.add_to_row(y, row));
         let peak = points.iter().copied().fold(0.0, f32::max);
         let worst = points.iter().zip(&scene).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(peak > 50.0 && worst < 0.03 * peak, "{worst} of {peak}");

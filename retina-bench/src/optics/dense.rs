@@ -12,9 +12,15 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 use retina_fourier::{Complex32, ComplexPlanner, ComplexToReal, Fft, RealToComplex, real_pair};
+use retina_simd::{Kernel, Level};
 
 use super::kernels::Kernels;
+use super::patches::{Patch, Patches};
 use super::scene::{SceneLight, margin};
+use crate::buffers::Buffers;
+
+/// Rows that go into columns together: these are as many numbers as one line of the processor's cache holds.
+const BLOCK_ROWS: usize = 8;
 
 /// Transforms and the kernels' spectra.
 pub(super) struct Dense {
@@ -32,9 +38,9 @@ pub(super) struct Dense {
 /// Work space of one thread.
 #[derive(Default)]
 struct Scratch {
-    image: Vec<f32>,
-    spectra: [Vec<Complex32>; 2],
-    line: Vec<Complex32>,
+    row: Vec<f32>,
+    /// Spectra of some rows.
+    lines: [Vec<Complex32>; BLOCK_ROWS],
     work: Vec<Complex32>,
 }
 
@@ -92,8 +98,13 @@ impl Dense {
             let wrap = |v: usize, size: usize| (v + size - half) % size;
             image[wrap(at / plane, height) * width + wrap(at % plane, width)] = value;
         }
+        let mut scratch = Scratch::default();
         let mut spectrum = Vec::new();
-        self.forward(&mut image, &mut spectrum, &mut Scratch::default());
+        self.rows_to_columns(&mut spectrum, &mut scratch, |y, row| {
+            row.copy_from_slice(&image[y * width..(y + 1) * width]);
+            row.iter().any(|v| *v != 0.0)
+        });
+        self.columns_forward.process_with_scratch(&mut spectrum, &mut scratch.work);
         // A quintic B-spline at whole numbers is (1, 26, 66, 26, 1) / 120.
         let spline = |k: usize, size: usize| {
             let angle = TAU * k as f32 / size as f32;
@@ -108,121 +119,200 @@ impl Dense {
         spectrum
     }
 
-    fn forward(&self, image: &mut [f32], spectrum: &mut Vec<Complex32>, scratch: &mut Scratch) {
-        let (columns, [width, height]) = (self.columns(), self.tile);
-        spectrum.clear();
+    /// Transforms the rows of a tile, and turns them: the spectrum, column by column. `fill` makes row `y` whole and
+    /// returns whether it has light; so does this of all rows.
+    fn rows_to_columns(
+        &self,
+        spectrum: &mut Vec<Complex32>,
+        scratch: &mut Scratch,
+        fill: impl Fn(usize, &mut [f32]) -> bool,
+    ) -> bool {
+        let (columns, height) = (self.columns(), self.tile[1]);
+        self.fit(scratch);
         spectrum.resize(columns * height, Complex32::default());
-        scratch.line.resize(columns, Complex32::default());
-        let work = self.rows_forward.get_scratch_len().max(self.columns_forward.get_inplace_scratch_len());
-        scratch.work.resize(work, Complex32::default());
-        for (row, values) in image.chunks_exact_mut(width).enumerate() {
-            if values.iter().all(|v| *v == 0.0) {
-                continue;
-            }
-            // Lengths are those that the plan was made for.
-            let done = self.rows_forward.process_with_scratch(values, &mut scratch.line, &mut scratch.work);
-            debug_assert!(done.is_ok());
-            for (column, value) in scratch.line.iter().enumerate() {
-                spectrum[column * height + row] = *value;
-            }
-        }
-        self.columns_forward.process_with_scratch(spectrum, &mut scratch.work);
-    }
-
-    fn back(&self, spectrum: &mut [Complex32], scratch: &mut Scratch) -> Vec<f32> {
-        let (columns, [width, height]) = (self.columns(), self.tile);
-        let work = self.rows_back.get_scratch_len().max(self.columns_back.get_inplace_scratch_len());
-        scratch.work.resize(work, Complex32::default());
-        scratch.line.resize(columns, Complex32::default());
-        self.columns_back.process_with_scratch(spectrum, &mut scratch.work);
-        let mut image = vec![0f32; width * height];
-        for (row, values) in image.chunks_exact_mut(width).enumerate() {
-            for (column, value) in scratch.line.iter_mut().enumerate() {
-                *value = spectrum[column * height + row];
-            }
-            // The spectrum of a real image is real there; rounding is not.
-            scratch.line[0].im = 0.0;
-            scratch.line[columns - 1].im = 0.0;
-            let done = self.rows_back.process_with_scratch(&mut scratch.line, values, &mut scratch.work);
-            debug_assert!(done.is_ok());
-        }
-        image
-    }
-
-    /// Adds the image of a scene to an image of electrons.
-    pub(super) fn add(&self, image: &mut [f32], kernels: &Kernels, light: &SceneLight) {
-        let [width, height] = self.size_px;
-        let nodes = kernels.nodes();
-        let tiles: Vec<Option<([i64; 2], Vec<f32>)>> = (0..nodes[0] * nodes[1])
-            .into_par_iter()
-            .map_init(Scratch::default, |scratch, node| self.tile_of(kernels, nodes, node, light, scratch))
-            .collect();
-        // In the nodes' order, so that sums do not depend on threads.
-        for (first, values) in tiles.into_iter().flatten() {
-            for (row, values) in values.chunks_exact(self.tile[0]).enumerate() {
-                let y = first[1] + row as i64;
-                if !(0..height as i64).contains(&y) {
+        let mut any = false;
+        for first in (0..height).step_by(BLOCK_ROWS) {
+            let rows = BLOCK_ROWS.min(height - first);
+            for (k, line) in scratch.lines.iter_mut().take(rows).enumerate() {
+                let row = &mut scratch.row[..];
+                if !fill(first + k, row) {
+                    line.fill(Complex32::default());
                     continue;
                 }
-                let from = (-first[0]).clamp(0, self.tile[0] as i64) as usize;
-                let to = (width as i64 - first[0]).clamp(0, self.tile[0] as i64) as usize;
-                if from < to {
-                    let start = y as usize * width + (first[0] + from as i64) as usize;
-                    let target = &mut image[start..start + to - from];
-                    target.iter_mut().zip(&values[from..to]).for_each(|(t, v)| *t += v);
+                any = true;
+                // Lengths are those that the plan was made for.
+                let done = self.rows_forward.process_with_scratch(row, line, &mut scratch.work);
+                debug_assert!(done.is_ok());
+            }
+            let lines = scratch.lines.each_ref().map(|line| &line[..columns]);
+            for (column, to) in spectrum.chunks_exact_mut(height).enumerate() {
+                let values = lines.map(|line| line[column]);
+                match to[first..].first_chunk_mut() {
+                    Some(to) => *to = values,
+                    None => to[first..].iter_mut().zip(values).for_each(|(to, value)| *to = value),
                 }
+            }
+        }
+        any
+    }
+
+    /// Turns columns of a spectrum into rows, and transforms these: the tile, row by row.
+    fn columns_to_rows(&self, spectrum: &[Complex32], scratch: &mut Scratch, image: &mut [f32]) {
+        let (columns, [width, height]) = (self.columns(), self.tile);
+        for (block, image) in image.chunks_mut(BLOCK_ROWS * width).enumerate() {
+            let (first, rows) = (block * BLOCK_ROWS, image.len() / width);
+            let mut lines = scratch.lines.each_mut().map(|line| &mut line[..columns]);
+            for (column, from) in spectrum.chunks_exact(height).enumerate() {
+                lines
+                    .iter_mut()
+                    .zip(&from[first..first + rows])
+                    .for_each(|(line, from)| line[column] = *from);
+            }
+            for (line, row) in lines.into_iter().zip(image.chunks_exact_mut(width)) {
+                // The spectrum of a real image is real there; rounding is not.
+                line[0].im = 0.0;
+                line[columns - 1].im = 0.0;
+                let done = self.rows_back.process_with_scratch(line, row, &mut scratch.work);
+                debug_assert!(done.is_ok());
             }
         }
     }
 
-    /// A node's share of the light, convolved: where its first pixel lies, and its values.
+    /// Gives work space its size.
+    fn fit(&self, scratch: &mut Scratch) {
+        let rows = self.rows_forward.get_scratch_len().max(self.rows_back.get_scratch_len());
+        let columns = |plan: &Arc<dyn Fft<f32>>| plan.get_inplace_scratch_len();
+        let work = rows.max(columns(&self.columns_forward)).max(columns(&self.columns_back));
+        scratch.row.resize(self.tile[0], 0.0);
+        scratch.lines.iter_mut().for_each(|line| line.resize(self.columns(), Complex32::default()));
+        scratch.work.resize(work, Complex32::default());
+    }
+
+    /// The image of a scene.
+    pub(super) fn image(&self, kernels: &Kernels, light: &SceneLight, buffers: &Buffers) -> Patches {
+        let nodes = kernels.nodes();
+        let tiles: Vec<Option<Patch>> = (0..nodes[0] * nodes[1])
+            .into_par_iter()
+            .map_init(Default::default, |space, node| self.tile_of(kernels, node, light, space, buffers))
+            .collect();
+        Patches::new(self.size_px[1], tiles.into_iter().flatten().collect())
+    }
+
+    /// The spectra of a node's share of the light along the rows, with their channels; of those that have light.
+    fn spectra_of<'a>(
+        &self,
+        kernels: &Kernels,
+        served: &[Served; 2],
+        light: &SceneLight,
+        scratch: &mut Scratch,
+        spectra: &'a mut [Vec<Complex32>; 3],
+    ) -> Vec<(usize, &'a mut Vec<Complex32>)> {
+        let level = Level::detect();
+        let ([x, y], reach) = (served, kernels.half_px());
+        let mut lit = Vec::new();
+        for (channel, (plane, spectrum)) in light.planes.iter().zip(spectra).enumerate() {
+            let fill = |row: usize, to: &mut [f32]| {
+                let own = row.checked_sub(reach).filter(|own| *own < y.shares.len());
+                let Some(own) = own else { return false };
+                let from = &plane[(y.first + own) * light.wide[0] + x.first..][..x.shares.len()];
+                to.fill(0.0);
+                let to = &mut to[reach..reach + from.len()];
+                level.run(Shared { to, from, along_x: &x.shares, share: y.shares[own] })
+            };
+            if self.rows_to_columns(spectrum, scratch, fill) {
+                lit.push((channel, spectrum));
+            }
+        }
+        lit
+    }
+
+    /// A node's share of the light, convolved; `None` without light.
     fn tile_of(
         &self,
         kernels: &Kernels,
-        nodes: [usize; 2],
         node: usize,
         light: &SceneLight,
-        scratch: &mut Scratch,
-    ) -> Option<([i64; 2], Vec<f32>)> {
-        let [x, y] = [(0, node % nodes[0]), (1, node / nodes[0])]
+        (scratch, spectra): &mut (Scratch, [Vec<Complex32>; 3]),
+        buffers: &Buffers,
+    ) -> Option<Patch> {
+        let nodes = kernels.nodes();
+        let served = [(0, node % nodes[0]), (1, node / nodes[0])]
             .map(|(k, at)| Served::along(kernels, k, at, self.size_px[k]));
-        let reach = kernels.half_px();
-        let mut spectra = std::mem::take(&mut scratch.spectra);
-        let mut image = std::mem::take(&mut scratch.image);
-        let [sum, own] = &mut spectra;
-        let mut any_light = false;
-        for (channel, plane) in light.planes.iter().enumerate() {
-            image.clear();
-            image.resize(self.tile[0] * self.tile[1], 0.0);
-            let mut any = false;
-            for (row, share_y) in y.shares.iter().enumerate() {
-                let from = &plane[(y.first + row) * light.wide[0] + x.first..][..x.shares.len()];
-                let to = &mut image[(row + reach) * self.tile[0] + reach..][..x.shares.len()];
-                for ((to, from), share) in to.iter_mut().zip(from).zip(&x.shares) {
-                    *to = from * share * share_y;
-                    any |= *to != 0.0;
-                }
+        let mut lit = self.spectra_of(kernels, &served, light, scratch, spectra);
+        let kernel = |channel: usize| &self.spectra[3 * node + channel];
+        let ((channel, sum), others) = lit.split_first_mut()?;
+        let (level, [width, height]) = (Level::detect(), self.tile);
+        // Column by column, which stays in the processor's cache from one step to the next.
+        for (column, sum) in sum.chunks_exact_mut(height).enumerate() {
+            let range = column * height..(column + 1) * height;
+            self.columns_forward.process_with_scratch(sum, &mut scratch.work);
+            level.run(Times { values: sum, kernel: &kernel(*channel)[range.clone()] });
+            for (channel, other) in others.iter_mut() {
+                let values = &mut other[range.clone()];
+                self.columns_forward.process_with_scratch(values, &mut scratch.work);
+                level.run(PlusProduct { sum, values, kernel: &kernel(*channel)[range.clone()] });
             }
-            if !any {
-                continue;
-            }
-            self.forward(&mut image, own, scratch);
-            let kernel = &self.spectra[3 * node + channel];
-            if any_light {
-                for ((sum, value), kernel) in sum.iter_mut().zip(own.iter()).zip(kernel) {
-                    *sum += value * kernel;
-                }
-            } else {
-                own.iter_mut().zip(kernel).for_each(|(value, kernel)| *value *= kernel);
-                std::mem::swap(sum, own);
-                any_light = true;
-            }
+            self.columns_back.process_with_scratch(sum, &mut scratch.work);
         }
-        let first = [x.first, y.first].map(|v| v as i64 - (light.margin + reach) as i64);
-        let found = any_light.then(|| (first, self.back(sum, scratch)));
-        scratch.spectra = spectra;
-        scratch.image = image;
-        found
+        let mut values = buffers.take(width * height);
+        self.columns_to_rows(sum, scratch, &mut values);
+        let [x, y] = served.map(|served| served.first as i64 - (light.margin + kernels.half_px()) as i64);
+        Some(Patch { x, y, width, values })
+    }
+}
+
+/// A row of the light, by its shares; whether any is left.
+struct Shared<'a> {
+    to: &'a mut [f32],
+    from: &'a [f32],
+    along_x: &'a [f32],
+    share: f32,
+}
+
+impl Kernel for Shared<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        let mut any = false;
+        for ((to, from), along_x) in self.to.iter_mut().zip(self.from).zip(self.along_x) {
+            *to = from * along_x * self.share;
+            any |= *to != 0.0;
+        }
+        any
+    }
+}
+
+/// Values, times those of a kernel.
+struct Times<'a> {
+    values: &'a mut [Complex32],
+    kernel: &'a [Complex32],
+}
+
+impl Kernel for Times<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.values.iter_mut().zip(self.kernel).for_each(|(value, kernel)| *value *= kernel);
+    }
+}
+
+/// A sum, and values times those of a kernel.
+struct PlusProduct<'a> {
+    sum: &'a mut [Complex32],
+    values: &'a [Complex32],
+    kernel: &'a [Complex32],
+}
+
+impl Kernel for PlusProduct<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for ((sum, value), kernel) in self.sum.iter_mut().zip(self.values).zip(self.kernel) {
+            *sum += value * kernel;
+        }
     }
 }
 

@@ -7,6 +7,7 @@
 
 mod dense;
 mod kernels;
+mod patches;
 mod place;
 mod scene;
 mod sparse;
@@ -34,7 +35,7 @@ use crate::imperfections::Objective;
 use crate::{BenchError, Display, Imperfections};
 use dense::Dense;
 use kernels::{Kernels, Shapes};
-pub(crate) use sparse::Spots;
+pub(crate) use patches::Patches;
 use stray::Ghosts;
 pub(crate) use stray::Stray;
 use windowed::{Offsets, Sampling};
@@ -63,7 +64,7 @@ impl Landed {
     fn total_e(&self) -> f64 {
         match self {
             Self::Points(sources) => sources.iter().map(|source| source.electrons).sum(),
-            Self::Scene(light) => light.total_e(),
+            Self::Scene(light) => light.total_e,
         }
     }
 }
@@ -321,16 +322,16 @@ impl BenchOptics {
         sparse::add(image, self.size_px, &self.kernels, sources);
     }
 
-    /// Adds the image of a scene to an image of electrons, by Fourier transforms.
-    pub fn add_scene(&self, image: &mut [f32], light: &SceneLight) {
+    /// The image of a scene, by Fourier transforms.
+    pub(crate) fn tiles(&self, light: &SceneLight, buffers: &Buffers) -> Patches {
         let dense = self.dense.get_or_init(|| Box::new(Dense::new(&self.kernels, self.size_px)));
-        dense.add(image, &self.kernels, light);
+        dense.image(&self.kernels, light, buffers)
     }
 
     /// The images of sources one by one; `None` where they are so many that [`BenchOptics::add_points`] suits them
     /// better.
-    pub(crate) fn spots(&self, sources: &[Source]) -> Option<Spots> {
-        Spots::of(self.size_px[1], &self.kernels, sources)
+    pub(crate) fn spots(&self, sources: &[Source]) -> Option<Patches> {
+        sparse::spots(self.size_px[1], &self.kernels, sources)
     }
 
     /// Ghosts and veiling glare of a screen image.

@@ -36,6 +36,8 @@ pub(crate) struct Shown<'a> {
 /// The light of a scene on the grid of camera pixels, with a margin about it.
 pub struct SceneLight {
     pub(crate) planes: [Vec<f32>; 3],
+    /// Electrons in all.
+    pub(super) total_e: f64,
     pub(super) wide: [usize; 2],
     pub(super) margin: usize,
 }
@@ -59,22 +61,22 @@ impl SceneLight {
         let wide = optics.size_px.map(|size| size + 2 * margin);
         let level = Level::detect();
         let moved = pose.map(&optics.camera);
+        let mut total_e = 0.0;
         let planes = [0, 1, 2].map(|channel| {
             let rows = Rows { optics, shown, moved, channel, margin: margin as f32 };
             let reaches = rows.reaches();
             let mut plane = buffers.take(wide[0] * wide[1]);
-            plane.par_chunks_mut(BAND_ROWS * wide[0]).enumerate().for_each(|(band, values)| {
+            let lay = |(band, values): (usize, &mut [f32])| {
                 values.fill(0.0);
-                level.run(Band { rows: &rows, reaches: &reaches, first: band * BAND_ROWS, wide, values });
-            });
+                let first = band * BAND_ROWS;
+                level.run(Band { rows: &rows, reaches: &reaches, first, wide, values: &mut *values });
+                values.chunks(wide[0]).map(row_sum).sum::<f64>()
+            };
+            let sums: Vec<f64> = plane.par_chunks_mut(BAND_ROWS * wide[0]).enumerate().map(lay).collect();
+            total_e += sums.iter().sum::<f64>();
             plane
         });
-        Self { planes, wide, margin }
-    }
-
-    /// Electrons in all.
-    pub(super) fn total_e(&self) -> f64 {
-        self.planes.par_iter().flat_map(|plane| plane.par_chunks(self.wide[0])).map(row_sum).sum()
+        Self { planes, total_e, wide, margin }
     }
 
     /// Electrons on the sensor in cells of `cell_px` pixels, row by row.
@@ -100,8 +102,16 @@ pub(super) fn margin(kernels: &Kernels) -> usize {
     kernels.half_px() + BEFORE + 1
 }
 
+/// A sum of light, by as many sums side by side as a register holds.
 fn row_sum(values: &[f32]) -> f64 {
-    f64::from(values.iter().sum::<f32>())
+    let (lanes, rest) = values.as_chunks::<LANES>();
+    let mut sums = [0f32; LANES];
+    for lane in lanes {
+        for k in 0..LANES {
+            sums[k] += lane[k];
+        }
+    }
+    f64::from(sums.iter().chain(rest).sum::<f32>())
 }
 
 /// The rows of the screen in one channel.
@@ -259,18 +269,20 @@ impl Spots {
             let first = |whole: f32| if inside { whole_number(whole - BEFORE as f32) } else { 0 };
             corner[k] = [first(whole_x), first(whole_y)];
         }
+        let last = first + values.len() / width;
         // Neighbours overlap: what has just been written is not read again at once.
         for k in (0..LANES).map(|i| i % 4 * 4 + i / 4) {
-            let [x, y] = corner[k].map(|place| place as usize);
-            for (i, weight) in along_y[k].into_iter().enumerate() {
-                if weight == 0.0 || y + i < first {
-                    continue;
+            let (x, y) = (corner[k][0] as usize, corner[k][1] as usize);
+            let (along_x, along_y) = (along_x[k], along_y[k]);
+            for row in y.max(first)..(y + SPLINE).min(last) {
+                let weight = along_y[row - y];
+                let to = &mut values[(row - first) * width + x..][..WIDE];
+                // A sum of its own, so that the compiler knows that nothing else is written meanwhile.
+                let mut sum = [0.0; WIDE];
+                for lane in 0..WIDE {
+                    sum[lane] = to[lane] + weight * along_x[lane];
                 }
-                let Some(to) = values.get_mut((y + i - first) * width + x..) else { break };
-                let Some(to) = to.first_chunk_mut::<WIDE>() else { break };
-                for (to, share) in to.iter_mut().zip(&along_x[k]) {
-                    *to += weight * share;
-                }
+                to.copy_from_slice(&sum);
             }
         }
     }

@@ -6,6 +6,7 @@ use retina_simd::{Kernel, Level};
 
 use super::Source;
 use super::kernels::{Blend, Kernels, PER_PX};
+use super::patches::{Patch, Patches};
 
 /// What is left out of a kernel makes less than this in any pixel, electrons.
 const NEGLIGIBLE_E: f64 = 0.02;
@@ -16,26 +17,14 @@ const CELL_PX: f64 = 16.0;
 /// Pixels that are computed at once.
 const LANES: usize = 16;
 
-/// Rows of the image that know their patches together.
-const BAND_ROWS: usize = 32;
-
 /// So many groups of sources at most are made into patches at once, so that patches do not pile up.
 const MOST_GROUPS: usize = 1024;
-
-/// A rectangle of the image with its own electrons.
-struct Patch {
-    x: i64,
-    y: i64,
-    width: usize,
-    values: Vec<f32>,
-}
 
 /// Adds the images of sources to an image of electrons.
 pub(super) fn add(image: &mut [f32], [width, height]: [usize; 2], kernels: &Kernels, sources: &[Source]) {
     let placed = placed(kernels, sources);
     for groups in groups(&placed).chunks(MOST_GROUPS) {
-        let spots = Spots::new(height, kernels, groups);
-        image.par_chunks_exact_mut(width).enumerate().for_each(|(y, row)| spots.add_to_row(y, row));
+        patches(height, kernels, groups).add_to(image, width);
     }
 }
 
@@ -52,40 +41,21 @@ fn groups(placed: &[Placed]) -> Vec<&[Placed]> {
     placed.chunk_by(|a, b| a.cell == b.cell).collect()
 }
 
-/// Images of sources, a patch for those of one cell.
-pub(crate) struct Spots {
-    patches: Vec<Patch>,
-    /// For each band of rows the patches that it has a part of, in their order: so sums do not depend on threads.
-    bands: Vec<Vec<usize>>,
+/// The images of sources on an image of so many rows, a patch for those of one cell; `None` where they are so many that
+/// they are better laid on it.
+pub(super) fn spots(rows: usize, kernels: &Kernels, sources: &[Source]) -> Option<Patches> {
+    let placed = placed(kernels, sources);
+    let groups = groups(&placed);
+    (groups.len() <= MOST_GROUPS).then(|| patches(rows, kernels, &groups))
 }
 
-impl Spots {
-    /// The images of sources on an image of so many rows; `None` where they are so many that they are better laid on it.
-    pub(super) fn of(rows: usize, kernels: &Kernels, sources: &[Source]) -> Option<Self> {
-        let placed = placed(kernels, sources);
-        let groups = groups(&placed);
-        (groups.len() <= MOST_GROUPS).then(|| Self::new(rows, kernels, &groups))
-    }
-
-    fn new(rows: usize, kernels: &Kernels, groups: &[&[Placed]]) -> Self {
-        let level = Level::detect();
-        let patches: Vec<Patch> = groups
-            .par_iter()
-            .map_init(Vec::new, |scratch, group| level.run(Group { kernels, group, scratch }))
-            .collect();
-        let mut bands = vec![Vec::new(); rows.div_ceil(BAND_ROWS)];
-        for (k, patch) in patches.iter().enumerate() {
-            let band = |y: i64| y.clamp(0, rows as i64) as usize;
-            let touched = band(patch.y) / BAND_ROWS..band(patch.y + patch.rows() as i64).div_ceil(BAND_ROWS);
-            bands[touched].iter_mut().for_each(|band: &mut Vec<usize>| band.push(k));
-        }
-        Self { patches, bands }
-    }
-
-    /// Adds them to a row of the image.
-    pub(crate) fn add_to_row(&self, y: usize, row: &mut [f32]) {
-        self.bands[y / BAND_ROWS].iter().for_each(|&patch| self.patches[patch].add_to_row(y as i64, row));
-    }
+fn patches(rows: usize, kernels: &Kernels, groups: &[&[Placed]]) -> Patches {
+    let level = Level::detect();
+    let made = groups
+        .par_iter()
+        .map_init(Vec::new, |scratch, group| level.run(Group { kernels, group, scratch }))
+        .collect();
+    Patches::new(rows, made)
 }
 
 /// A source with what its kernel needs.
@@ -226,7 +196,10 @@ impl<'a> Blended<'a> {
         let above = (y - patch.y) as usize - reach;
         for row in 0..side {
             let to = &mut patch.values[(above + row) * patch.width + left..][..length];
-            let from = taps.map(|tap| self.values[tap + row * self.plane..][..length].as_chunks::<LANES>().0);
+            let mut from = [&[][..]; 16];
+            for (from, tap) in from.iter_mut().zip(taps) {
+                *from = self.values[tap + row * self.plane..][..length].as_chunks::<LANES>().0;
+            }
             for (i, to) in to.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
                 let mut sum = [0.0; LANES];
                 for (from, weight) in from.iter().zip(weights) {
@@ -252,22 +225,4 @@ fn cubic(t: f64) -> [f64; 4] {
         -(t + 1.0) * t * (t - 2.0) / 2.0,
         (t + 1.0) * t * (t - 1.0) / 6.0,
     ]
-}
-
-impl Patch {
-    fn rows(&self) -> usize {
-        self.values.len() / self.width
-    }
-
-    /// Adds its part of row `y` of the image, if it has one.
-    fn add_to_row(&self, y: i64, row: &mut [f32]) {
-        let Some(own) = usize::try_from(y - self.y).ok().filter(|own| *own < self.rows()) else { return };
-        let from = (-self.x).clamp(0, self.width as i64) as usize;
-        let to = (row.len() as i64 - self.x).clamp(0, self.width as i64) as usize;
-        if from < to {
-            let values = &self.values[own * self.width..][from..to];
-            let line = &mut row[(self.x + from as i64) as usize..][..to - from];
-            line.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
-        }
-    }
 }

@@ -135,6 +135,7 @@ pub(crate) enum Stray {
 
 impl Stray {
     /// Adds it to a row of the image; `line` is work space.
+    #[inline(always)]
     pub(crate) fn add_to_row(&self, y: usize, row: &mut [f32], line: &mut Vec<f32>) {
         let (columns, electrons) = match self {
             Self::Even(even) => return row.iter_mut().for_each(|value| *value += even),
@@ -146,18 +147,29 @@ impl Stray {
         let above = (v as usize).min(rows.saturating_sub(2));
         let below = (above + 1).min(rows - 1);
         let fy = v - above as f32;
-        let [above, below] = [above, below].map(|j| &electrons[j * columns..(j + 1) * columns]);
+        let (above, below) =
+            (&electrons[above * columns..][..columns], &electrons[below * columns..][..columns]);
         line.clear();
         line.extend(above.iter().zip(below).map(|(above, below)| above + fy * (below - above)));
         let half = (CELL_PX / 2).min(row.len());
         let (first, rest) = row.split_at_mut(half);
         first.iter_mut().for_each(|value| *value += line[0]);
-        for (i, part) in rest.chunks_mut(CELL_PX).enumerate() {
-            let (from, to) = (line[i], line[(i + 1).min(columns - 1)]);
-            for (k, value) in part.iter_mut().enumerate() {
-                *value += from + (to - from) * ((k as f32 + 0.5) / CELL_PX as f32);
-            }
+        // Of cells whose size the compiler knows it makes vectors.
+        let (cells, last) = rest.as_chunks_mut::<CELL_PX>();
+        let ends = |i: usize| (line[i], line[(i + 1).min(columns - 1)]);
+        let whole = cells.len();
+        cells.iter_mut().enumerate().for_each(|(i, cell)| add_slope(cell, ends(i)));
+        if !last.is_empty() {
+            add_slope(last, ends(whole));
         }
+    }
+}
+
+/// Adds to pixels from a cell's centre on what goes evenly from there to the next one's.
+#[inline(always)]
+fn add_slope(pixels: &mut [f32], (from, to): (f32, f32)) {
+    for (k, value) in pixels.iter_mut().enumerate() {
+        *value += from + (to - from) * ((k as f32 + 0.5) / CELL_PX as f32);
     }
 }
 
