@@ -292,3 +292,21 @@ fn the_far_range_experiment_is_taken_up_where_it_was_left() {
     let refused = retina(&["navigate", "far-range", scenario, "--out", out.to_str().unwrap()]);
     assert!(text(&refused.stderr).contains("key `transfer.planets`: is not a planet (found `pluto`"));
 }
+
+/// The calibrations that ship are not the virtual bench's: who photographs by one is told that it does not fit.
+#[test]
+fn a_far_range_on_another_bench_s_calibration_is_warned_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let asset = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/scenarios/far-range.toml");
+    let run = |images: &str| {
+        let out = folder.path().join(images);
+        let few = ["--out", out.to_str().unwrap(), "--poses", "6", "--shard", "0/2"];
+        let output = retina(&[&["navigate", "far-range", asset, "--images", images][..], &few].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stderr)
+    };
+    let said = run("bench");
+    assert!(said.contains("what their covariances allow") && said.contains("--calibration"), "{said}");
+    let said = run("points");
+    assert!(!said.contains("covariances"), "{said}");
+}

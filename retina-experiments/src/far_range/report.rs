@@ -15,6 +15,29 @@ pub const PAPER_PLANET_PERCENT: f64 = 98.82;
 /// Position (km) and velocity (m/s) at the end of the transfer, 3 sigma.
 pub const PAPER_THREE_SIGMA: [f64; 2] = [5320.0, 0.97];
 
+/// Errors of attitudes squared, over what their covariances allow, from which on something is wrong.
+const MOST_NEES_RATIO: f64 = 9.0;
+
+/// What a reader of the results should not miss; `None` where there is nothing.
+pub fn warning(images: Images, poses: &PosesSummary) -> Option<String> {
+    let cause = match images {
+        Images::Points => "the scenario's [points] have larger errors than it says",
+        Images::Ideal => "the setup does not describe these images",
+        Images::Bench => {
+            "the calibration is not this bench's. Measure one (`retina simulate points`, `retina calibrate geometry`) and \
+             give it by --calibration; the ones that ship are examples"
+        }
+    };
+    let ratio = poses.attitude_nees_ratio;
+    (ratio > MOST_NEES_RATIO).then(|| {
+        format!(
+            "attitudes are off by {:.0} times what their covariances allow (NEES / 3 = {ratio:.1}), so that these figures \
+             say little: {cause}",
+            ratio.sqrt(),
+        )
+    })
+}
+
 /// The document of `navigate far-range --json`.
 pub fn document(
     scenario: &Scenario,

@@ -94,7 +94,7 @@ impl Image<'_> {
         matched.filter_map(|(of, star)| of.map(|(_, point)| (point, star.entry))).collect()
     }
 
-    fn refined(&self, fit: SkyFit, matches: &[(usize, usize)]) -> Option<SkyFit> {
+    fn refined(&self, fit: SkyFit, matches: &[(usize, usize)], distortion: Distortion) -> Option<SkyFit> {
         let sightings: Vec<Sighting> = matches
             .iter()
             .map(|&(point, entry)| Sighting {
@@ -103,8 +103,6 @@ impl Image<'_> {
                 sigma_rad: self.sigma_rad,
             })
             .collect();
-        let radial = matches.len() >= FEWEST_FOR_RADIAL;
-        let distortion = if radial { Distortion::Radial } else { Distortion::None };
         let free = Free { distortion, aspect: self.aspect };
         Some(fit.refined(&sightings, free, 2)?.0)
     }
@@ -130,28 +128,106 @@ impl Image<'_> {
     }
 
     /// Fits a hypothesis to all that it matches, round by round closer; `None` where a wrong one would do as well.
+    ///
+    /// A pattern's own attitude may be several pixels off, so that some of its few matches are wrong. While matches
+    /// within a radius become more, attitude and focal length alone are fitted: a distortion would follow the wrong ones.
     pub(crate) fn verify(&self, start: SkyFit) -> Option<Verified> {
         let depth = self.points.len() + self.points.len() / 2 + 10;
         let mut fit = start;
         let mut best: Option<Verified> = None;
-        for (round, &radius) in self.radii_rad.iter().enumerate() {
-            let predicted = self.predicted(&fit, depth);
-            let matches = self.matches(&predicted, radius);
-            if matches.len() <= MATCHES_SPENT {
-                break;
-            }
-            let log10_chance = self.log10_chance(&predicted, matches.len(), radius);
-            if round == 0 && log10_chance > FIRST_LOOK_LOG10 {
-                break;
-            }
-            let Some(next) = self.refined(fit, &matches) else { break };
-            fit = next;
-            if best.as_ref().is_none_or(|known| log10_chance < known.log10_chance || round == 2) {
-                let least = best.map_or(0.0, |known| known.log10_chance);
-                best = Some(Verified { fit, matches, log10_chance: log10_chance.min(least) });
+        let mut looks = 0u32;
+        'radii: for (round, &radius) in self.radii_rad.iter().enumerate() {
+            let last = round + 1 == self.radii_rad.len();
+            let mut most = 0;
+            loop {
+                let predicted = self.predicted(&fit, depth);
+                let matches = self.matches(&predicted, radius);
+                if matches.len() <= MATCHES_SPENT {
+                    break 'radii;
+                }
+                let log10_chance = self.log10_chance(&predicted, matches.len(), radius);
+                if looks == 0 && log10_chance > FIRST_LOOK_LOG10 {
+                    break 'radii;
+                }
+                looks += 1;
+                let grows = !last && matches.len() > most;
+                most = most.max(matches.len());
+                let radial = !grows && matches.len() >= FEWEST_FOR_RADIAL;
+                let distortion = if radial { Distortion::Radial } else { Distortion::None };
+                let Some(next) = self.refined(fit, &matches, distortion) else { break 'radii };
+                fit = next;
+                if best.as_ref().is_none_or(|known| log10_chance < known.log10_chance || last) {
+                    let least = best.map_or(0.0, |known| known.log10_chance);
+                    best = Some(Verified { fit, matches, log10_chance: log10_chance.min(least) });
+                }
+                if !grows {
+                    break;
+                }
             }
         }
-        // Three radii were looked at.
-        best.map(|found| Verified { log10_chance: found.log10_chance + 3f64.log10(), ..found })
+        best.map(|found| Verified { log10_chance: found.log10_chance + f64::from(looks).log10(), ..found })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+
+    use super::*;
+    use crate::stars::catalogue::{CatalogueOptions, SolverCatalogue};
+    use crate::stars::solver::DEFAULT_EPOCH_S;
+
+    /// A pattern with a wrong star gives an attitude that is some pixels and a focal length that is a per cent off.
+    /// Whatever is accepted from there is the camera's attitude, and not one a few pixels beside it that has a distortion
+    /// fitted to the first matches. A tenth of the points are no stars.
+    #[test]
+    fn what_is_accepted_from_a_start_some_pixels_off_is_the_truth() {
+        let (half, pixel_rad) = (DVec2::new(0.14, 0.105), 1.37e-4);
+        let catalogue = SolverCatalogue::new(&CatalogueOptions {
+            tdb_s: DEFAULT_EPOCH_S,
+            diameters_rad: [0.06, 0.28],
+            pixel_rad: [0.97 * pixel_rad, 1.03 * pixel_rad],
+        });
+        let point = |at: DVec2| StarPoint {
+            pixel: DVec2::ZERO,
+            line_of_sight: at,
+            sigma_rad: 0.1 * pixel_rad,
+            flux: 1.0,
+            saturated: false,
+            on_edge: false,
+        };
+        let (mut accepted, mut worst_px) = (0, 0.0f64);
+        for k in 0..400u32 {
+            // Evenly between -0.5 and 0.5.
+            let turn = |i: u32| f64::from(k * (7 + 4 * i) % 97) / 97.0 - 0.5;
+            let attitude = DQuat::from_scaled_axis(6.0 * DVec3::new(turn(0), turn(1), turn(2)));
+            let truth = SkyFit::pinhole(attitude, 1.0 + 0.001 * turn(3));
+            let mut image = Image {
+                sky: catalogue.sky(pixel_rad),
+                points: &[],
+                half,
+                radii_rad: [3.8, 2.0, 1.2].map(|px| px * pixel_rad),
+                sigma_rad: 0.3 * pixel_rad,
+                aspect: false,
+            };
+            let seen = |(at, star): (usize, &Predicted)| {
+                let draw = |m: u32| f64::from((at as u32 + 61 * k) * m % 211) / 211.0 - 0.5;
+                let strange = draw(47) < -0.4;
+                let place = 2.0 * half * DVec2::new(draw(83), draw(119));
+                point(if strange { place } else { star.at + pixel_rad * DVec2::new(draw(29), draw(71)) })
+            };
+            let points: Vec<StarPoint> = image.predicted(&truth, 60).iter().enumerate().map(seen).collect();
+            image.points = &points;
+            let off = pixel_rad * DVec3::new(16.0 * turn(4), 16.0 * turn(5), 50.0 * turn(6));
+            let start = DQuat::from_scaled_axis(off) * truth.camera_from_inertial;
+            let start = SkyFit::pinhole(start, truth.focal_ratio + 0.02 * turn(7));
+            if let Some(found) = image.verify(start).filter(|found| found.log10_chance < -7.0) {
+                accepted += 1;
+                let direction = truth.camera_from_inertial.inverse() * DVec3::new(0.1, 0.05, 1.0);
+                let [found, truth] = [found.fit, truth].map(|fit| fit.project(direction).unwrap());
+                worst_px = worst_px.max(found.distance(truth) / pixel_rad);
+            }
+        }
+        assert!(accepted > 200 && worst_px < 0.5, "{accepted} accepted, {worst_px} px off at worst");
     }
 }

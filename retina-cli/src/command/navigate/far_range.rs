@@ -132,6 +132,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         report::PAPER_PLANET_PERCENT,
         summary.planet_wrong,
     );
+    report::warning(scenario.images, &summary).iter().for_each(|warning| tell!("{warning}"));
     // The transfer's measurements are as good as all poses have them.
     let whole = arguments.shard.is_none();
     let (transfer, imaged) = match scenario.transfer.as_ref().filter(|_| whole) {
