@@ -107,6 +107,8 @@ def main():
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--keep", type=pathlib.Path, help="where the last image goes")
     options = parser.parse_args()
+    if options.images < 2:
+        parser.error("--images: at least two, to time what comes after the first")
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         (folder / "setup.toml").write_text(SETUP)
