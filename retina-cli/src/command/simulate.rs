@@ -243,6 +243,24 @@ impl Common {
         Ok(facility)
     }
 
+    /// Refuses a folder that holds a campaign of another kind: its description would be lost.
+    fn check_folder(&self, kind: &str) -> Result<(), Failure> {
+        let path = self.out.join("campaign.json");
+        let Ok(text) = std::fs::read_to_string(&path) else { return Ok(()) };
+        let own: Option<Value> = serde_json::from_str(&text).ok();
+        match own.as_ref().and_then(|own| own["kind"].as_str()) {
+            Some(found) if found != kind => Err(InputError::new(
+                &self.out,
+                "holds a campaign of another kind, whose campaign.json would be lost",
+            )
+            .found(format!("`{found}`"))
+            .expected(format!("an empty folder, or a campaign of the kind `{kind}`"))
+            .help("name another folder, or remove the old campaign")
+            .into()),
+            _ => Ok(()),
+        }
+    }
+
     /// Makes the folder for the result: after everything that can be refused.
     fn make_folder(&self) -> Result<(), Failure> {
         std::fs::create_dir_all(&self.out)
@@ -286,6 +304,17 @@ fn points(arguments: &PointsArguments) -> Result<(), Failure> {
         ..PointsOptions::default()
     };
     let common = &arguments.common;
+    common.check_folder("points")?;
+    if let Some(old) = ["images", "pattern"].map(|name| common.out.join(name)).iter().find(|old| old.exists())
+        && !arguments.images
+    {
+        return Err(InputError::new(
+            old,
+            "is of a campaign that was written with --images, and would not fit the new one",
+        )
+        .help("name another folder, or give --images, or remove the old campaign")
+        .into());
+    }
     let facility = common.facility(TableKind::Points, options.length_s())?;
     common.make_folder()?;
     let bar = counter(u64::from(arguments.exposures), "exposures");
@@ -326,6 +355,7 @@ fn power(arguments: &PowerArguments) -> Result<(), Failure> {
         options.counts = arguments.counts.clone();
     }
     let common = &arguments.common;
+    common.check_folder("power")?;
     let setup = read_setup(&common.setup)?;
     let most = setup.screen.width_px.min(setup.screen.height_px);
     if let Some(found) = options.squares_px.iter().find(|square| **square > most) {
@@ -350,6 +380,13 @@ fn power(arguments: &PowerArguments) -> Result<(), Failure> {
 
 fn frames(arguments: &FramesArguments) -> Result<(), Failure> {
     let common = &arguments.common;
+    common.check_folder("frames")?;
+    let [screens, out] = [&arguments.screens, &common.out].map(|path| std::fs::canonicalize(path).ok());
+    if screens.is_some() && screens == out {
+        return Err(InputError::new(&common.out, "is the folder of the rendered frames")
+            .expected("another folder for the photographs")
+            .into());
+    }
     let options = FramesOptions {
         screens: arguments.screens.clone(),
         places: None,
@@ -369,6 +406,12 @@ fn frames(arguments: &FramesArguments) -> Result<(), Failure> {
 }
 
 fn stars(arguments: &StarsArguments) -> Result<(), Failure> {
+    if let Some(share) = arguments.share.filter(|share| !(0.0..=1.0).contains(share)) {
+        return Err(InputError::new(Path::new("--share"), "is not a share")
+            .found(share)
+            .expected("0 to 1")
+            .into());
+    }
     if !(arguments.brightest.is_finite() && arguments.faintest >= arguments.brightest) {
         return Err(InputError::new(Path::new("--faintest"), "is brighter than --brightest")
             .found(arguments.faintest)
@@ -384,6 +427,7 @@ fn stars(arguments: &StarsArguments) -> Result<(), Failure> {
         ..StarsOptions::default()
     };
     let common = &arguments.common;
+    common.check_folder("stars")?;
     let facility = common.facility(TableKind::Points, f64::MAX)?;
     let calibration = match &arguments.calibration {
         None => None,

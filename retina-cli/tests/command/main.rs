@@ -23,6 +23,7 @@ mod navigate;
 mod optics_bench;
 mod optics_output;
 mod schemas;
+mod simulate;
 #[allow(dead_code, reason = "other tests look at the motions")]
 #[path = "../../../retina-sky/tests/common/spk.rs"]
 mod spk;

@@ -248,7 +248,7 @@ pub struct PosesSummary {
     pub planet_percentiles_arcsec: [f64; 4],
     /// Standard deviation per axis of the planets' lines of sight, arcsec, from the median.
     pub planet_sigma_arcsec: f64,
-    /// Mean squared Mahalanobis distance of attitudes, over 3: 1 where the covariance is right.
+    /// Mean squared Mahalanobis distance of the attitudes found, over 3: 1 where the covariance is right.
     pub attitude_nees_ratio: f64,
     /// And of planets' lines of sight, over 2.
     pub planet_nees_ratio: f64,
@@ -272,7 +272,8 @@ pub fn summarise(results: &[PoseResult]) -> PosesSummary {
                 .unwrap_or(f64::NAN)
         })
     };
-    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+    // Not a number without any.
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let with = |outcome: &str| found.iter().filter(|r| r.planet_outcome.as_deref() == Some(outcome)).count();
     let mut refused = std::collections::BTreeMap::new();
     for result in results.iter().filter(|r| r.outcome != "solved" && r.outcome != "wrong") {

@@ -17,25 +17,63 @@ pub const PAPER_THREE_SIGMA: [f64; 2] = [5320.0, 0.97];
 
 /// Errors of attitudes squared, over what their covariances allow, from which on something is wrong.
 const MOST_NEES_RATIO: f64 = 9.0;
+/// And the share of answers that are wrong.
+const MOST_WRONG: f64 = 0.05;
 
-/// What a reader of the results should not miss; `None` where there is nothing.
-pub fn warning(images: Images, poses: &PosesSummary) -> Option<String> {
-    let cause = match images {
-        Images::Points => "the scenario's [points] have larger errors than it says",
-        Images::Ideal => "the setup does not describe these images",
-        Images::Bench => {
-            "the calibration is not this bench's. Measure one (`retina simulate points`, `retina calibrate geometry`) and \
-             give it by --calibration; the ones that ship are examples"
-        }
-    };
+/// What a reader of the results should not miss.
+pub fn warnings(scenario: &Scenario, poses: &PosesSummary, imaged: Option<&ImagedResult>) -> Vec<String> {
+    let mut found = Vec::new();
     let ratio = poses.attitude_nees_ratio;
-    (ratio > MOST_NEES_RATIO).then(|| {
-        format!(
-            "attitudes are off by {:.0} times what their covariances allow (NEES / 3 = {ratio:.1}), so that these figures \
-             say little: {cause}",
-            ratio.sqrt(),
-        )
-    })
+    if ratio > MOST_NEES_RATIO || poses.attitude_wrong as f64 > MOST_WRONG * poses.poses as f64 {
+        let mut what = format!("{} of {} attitudes are wrong", poses.attitude_wrong, poses.poses);
+        if ratio > MOST_NEES_RATIO {
+            what += &format!(
+                ", and those found are off by {:.0} times what their covariances allow (mean squared error over the \
+                 covariance's, NEES / 3: {ratio:.1})",
+                ratio.sqrt(),
+            );
+        }
+        found.push(format!("{what}: {}", likely_cause(scenario, scenario.images)));
+    }
+    let images = scenario.transfer.as_ref().and_then(|transfer| transfer.images.taken());
+    if let (Some(run), Some(images)) = (imaged, images) {
+        let scattered = run.nis.filter(|nis| *nis > run.nis_bounds[1]);
+        if scattered.is_some() || run.wrong as f64 > MOST_WRONG * run.images as f64 {
+            let nis = scattered.map_or(String::new(), |nis| {
+                format!(
+                    ", and the NIS of {nis:.2} is above its 99 % bounds, which end at {:.2}",
+                    run.nis_bounds[1]
+                )
+            });
+            let cause = likely_cause(scenario, images);
+            found.push(format!(
+                "on the transfer {} answers of {} images are wrong{nis}: {cause}",
+                run.wrong, run.images
+            ));
+        }
+    }
+    found
+}
+
+/// Why errors may be larger than the covariances say.
+fn likely_cause(scenario: &Scenario, images: Images) -> String {
+    match images {
+        Images::Points => {
+            "covariances do not know of `points.systematic_px`; see whether it is as large as you meant"
+                .to_owned()
+        }
+        Images::Ideal => "see whether the setup describes the camera that you meant".to_owned(),
+        Images::Bench => {
+            let name = scenario
+                .calibration_path
+                .as_ref()
+                .map_or(String::new(), |path| format!(" {}", path.display()));
+            format!(
+                "the calibration{name} was not measured on this bench, or with too few points. Measure one (`retina simulate \
+                 points`, `retina calibrate geometry`) and give it by --calibration; the ones that ship are examples"
+            )
+        }
+    }
 }
 
 /// The document of `navigate far-range --json`.
@@ -45,6 +83,7 @@ pub fn document(
     transfer: Option<&TransferResult>,
     imaged: Option<&ImagedResult>,
 ) -> Value {
+    let warnings = warnings(scenario, poses, imaged);
     let images = match scenario.images {
         Images::Points => "points",
         Images::Ideal => "ideal",
@@ -87,6 +126,7 @@ pub fn document(
         "poses": poses,
         "paper": {"attitude_found_percent": PAPER_ATTITUDE_PERCENT, "planet_found_percent": PAPER_PLANET_PERCENT},
         "transfer": transfer,
+        "warnings": warnings,
     })
 }
 

@@ -114,6 +114,8 @@ pub struct Scenario {
     pub setup: Setup,
     /// Its calibration, for images of the bench.
     pub calibration: Option<Calibration>,
+    /// Where that was read.
+    pub calibration_path: Option<PathBuf>,
     /// Where Sun and planets are, to the truth and to the filter.
     pub ephemeris: Ephemeris,
     /// Seed of poses and noise.
@@ -213,6 +215,7 @@ impl Scenario {
         Ok(Self {
             setup,
             calibration,
+            calibration_path,
             ephemeris,
             seed: file.seed,
             images: file.images,

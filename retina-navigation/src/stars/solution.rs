@@ -98,11 +98,7 @@ pub enum Refusal {
         needed: usize,
     },
     /// Nothing fitted well enough.
-    #[error(
-        "no attitude explains the points: of {hypotheses} hypotheses the best might be a coincidence with \
-         probability 10^{log10_best:.1}, the bound is 10^{log10_bound:.1}{}",
-        if *.stopped { "; the search stopped at that number, which is its limit" } else { "" }
-    )]
+    #[error("{}", no_match(*.hypotheses, *.log10_best, *.log10_bound, *.stopped))]
     NoMatch {
         /// Patterns of stars that were looked at.
         hypotheses: usize,
@@ -133,6 +129,18 @@ pub enum Refusal {
         /// The answer for the image flipped.
         flipped: Box<StarSolution>,
     },
+}
+
+fn no_match(hypotheses: usize, log10_best: f64, log10_bound: f64, stopped: bool) -> String {
+    let why = match hypotheses {
+        0 => "no four of them have the shape of four stars of the catalogue".to_owned(),
+        _ => format!(
+            "of {hypotheses} hypotheses the best might be a coincidence with probability 10^{log10_best:.1}, the bound is \
+             10^{log10_bound:.1}"
+        ),
+    };
+    let limit = if stopped { "; the search stopped at that number, which is its limit" } else { "" };
+    format!("no attitude explains the points: {why}{limit}")
 }
 
 impl Refusal {

@@ -132,7 +132,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         report::PAPER_PLANET_PERCENT,
         summary.planet_wrong,
     );
-    report::warning(scenario.images, &summary).iter().for_each(|warning| tell!("{warning}"));
     // The transfer's measurements are as good as all poses have them.
     let whole = arguments.shard.is_none();
     let (transfer, imaged) = match scenario.transfer.as_ref().filter(|_| whole) {
@@ -169,6 +168,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             (Some(result), imaged)
         }
     };
+    let warnings = report::warnings(&scenario, &summary, imaged.as_ref());
+    warnings.iter().for_each(|warning| tell!("{warning}"));
     let document: Value = report::document(&scenario, &summary, transfer.as_ref(), imaged.as_ref());
     write(&arguments.out, &format!("{}.json", name("far-range")), &format!("{document:#}\n"))?;
     if arguments.json { print_json(&document) } else { Ok(()) }
