@@ -243,24 +243,6 @@ impl Common {
         Ok(facility)
     }
 
-    /// Refuses a folder that holds a campaign of another kind: its description would be lost.
-    fn check_folder(&self, kind: &str) -> Result<(), Failure> {
-        let path = self.out.join("campaign.json");
-        let Ok(text) = std::fs::read_to_string(&path) else { return Ok(()) };
-        let own: Option<Value> = serde_json::from_str(&text).ok();
-        match own.as_ref().and_then(|own| own["kind"].as_str()) {
-            Some(found) if found != kind => Err(InputError::new(
-                &self.out,
-                "holds a campaign of another kind, whose campaign.json would be lost",
-            )
-            .found(format!("`{found}`"))
-            .expected(format!("an empty folder, or a campaign of the kind `{kind}`"))
-            .help("name another folder, or remove the old campaign")
-            .into()),
-            _ => Ok(()),
-        }
-    }
-
     /// Makes the folder for the result: after everything that can be refused.
     fn make_folder(&self) -> Result<(), Failure> {
         std::fs::create_dir_all(&self.out)
@@ -274,6 +256,21 @@ impl Common {
             .map_err(|error| InputError::new(&path, format!("cannot be written: {error}")).into())
     }
 
+    /// Where the folder holds a campaign of another kind, its description goes on as `campaign-KIND.json`.
+    fn keep_description(&self, kind: &str) -> Result<(), Failure> {
+        let path = self.out.join("campaign.json");
+        let Ok(text) = std::fs::read_to_string(&path) else { return Ok(()) };
+        let old: Option<Value> = serde_json::from_str(&text).ok();
+        let Some(found) = old.as_ref().and_then(|old| old["kind"].as_str()) else { return Ok(()) };
+        if found == kind || !found.chars().all(|c| c.is_ascii_lowercase()) {
+            return Ok(());
+        }
+        let name = format!("campaign-{found}.json");
+        self.write(&name, text.as_bytes())?;
+        tell!("{}: describes the campaign that is in this folder already", self.out.join(name).display());
+        Ok(())
+    }
+
     /// `campaign.json` beside the table: what was simulated.
     fn finish(&self, kind: &str, facility: &Facility, mut summary: Value) -> Result<(), Failure> {
         summary["schema"] = "retina.campaign/1".into();
@@ -281,6 +278,7 @@ impl Common {
         summary["setup"] = facility.setup.name.clone().into();
         summary["seed"] = self.seed.into();
         summary["effects"] = facility.effects.iter().map(|effect| effect.text.clone()).collect();
+        self.keep_description(kind)?;
         self.write("campaign.json", format!("{summary:#}\n").as_bytes())?;
         if self.json { print_json(&summary) } else { Ok(()) }
     }
@@ -304,7 +302,6 @@ fn points(arguments: &PointsArguments) -> Result<(), Failure> {
         ..PointsOptions::default()
     };
     let common = &arguments.common;
-    common.check_folder("points")?;
     if let Some(old) = ["images", "pattern"].map(|name| common.out.join(name)).iter().find(|old| old.exists())
         && !arguments.images
     {
@@ -355,7 +352,6 @@ fn power(arguments: &PowerArguments) -> Result<(), Failure> {
         options.counts = arguments.counts.clone();
     }
     let common = &arguments.common;
-    common.check_folder("power")?;
     let setup = read_setup(&common.setup)?;
     let most = setup.screen.width_px.min(setup.screen.height_px);
     if let Some(found) = options.squares_px.iter().find(|square| **square > most) {
@@ -380,7 +376,6 @@ fn power(arguments: &PowerArguments) -> Result<(), Failure> {
 
 fn frames(arguments: &FramesArguments) -> Result<(), Failure> {
     let common = &arguments.common;
-    common.check_folder("frames")?;
     let [screens, out] = [&arguments.screens, &common.out].map(|path| std::fs::canonicalize(path).ok());
     if screens.is_some() && screens == out {
         return Err(InputError::new(&common.out, "is the folder of the rendered frames")
@@ -427,7 +422,6 @@ fn stars(arguments: &StarsArguments) -> Result<(), Failure> {
         ..StarsOptions::default()
     };
     let common = &arguments.common;
-    common.check_folder("stars")?;
     let facility = common.facility(TableKind::Points, f64::MAX)?;
     let calibration = match &arguments.calibration {
         None => None,

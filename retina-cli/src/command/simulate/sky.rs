@@ -56,7 +56,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             .into());
     }
     let common = &arguments.common;
-    common.check_folder("sky")?;
     let facility = common.facility(TableKind::Frames, f64::MAX)?;
     let calibration =
         arguments.calibration.as_deref().map(|path| Calibration::read(path, &facility.setup)).transpose()?;
