@@ -13,3 +13,6 @@ mod frame_lines;
 pub mod full_disk;
 pub mod lines;
 mod parts;
+
+/// Normalised errors squared beyond this times their number are no chance, and no slightly wrong model either.
+pub(crate) const MOST_NEES_RATIO: f64 = 9.0;

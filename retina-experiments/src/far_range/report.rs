@@ -15,18 +15,16 @@ pub const PAPER_PLANET_PERCENT: f64 = 98.82;
 /// Position (km) and velocity (m/s) at the end of the transfer, 3 sigma.
 pub const PAPER_THREE_SIGMA: [f64; 2] = [5320.0, 0.97];
 
-/// Errors of attitudes squared, over what their covariances allow, from which on something is wrong.
-const MOST_NEES_RATIO: f64 = 9.0;
-/// And the share of answers that are wrong.
+/// More wrong answers than this share are no chance.
 const MOST_WRONG: f64 = 0.05;
 
 /// What a reader of the results should not miss.
 pub fn warnings(scenario: &Scenario, poses: &PosesSummary, imaged: Option<&ImagedResult>) -> Vec<String> {
     let mut found = Vec::new();
     let ratio = poses.attitude_nees_ratio;
-    if ratio > MOST_NEES_RATIO || poses.attitude_wrong as f64 > MOST_WRONG * poses.poses as f64 {
+    if ratio > crate::MOST_NEES_RATIO || poses.attitude_wrong as f64 > MOST_WRONG * poses.poses as f64 {
         let mut what = format!("{} of {} attitudes are wrong", poses.attitude_wrong, poses.poses);
-        if ratio > MOST_NEES_RATIO {
+        if ratio > crate::MOST_NEES_RATIO {
             what += &format!(
                 ", and those found are off by {:.0} times what their covariances allow (mean squared error over the \
                  covariance's, NEES / 3: {ratio:.1})",
@@ -76,14 +74,14 @@ fn likely_cause(scenario: &Scenario, images: Images) -> String {
     }
 }
 
-/// The document of `navigate far-range --json`.
+/// The document of `navigate far-range --json`; `warnings`: what [`warnings`] found.
 pub fn document(
     scenario: &Scenario,
     poses: &PosesSummary,
     transfer: Option<&TransferResult>,
     imaged: Option<&ImagedResult>,
+    warnings: &[String],
 ) -> Value {
-    let warnings = warnings(scenario, poses, imaged);
     let images = match scenario.images {
         Images::Points => "points",
         Images::Ideal => "ideal",

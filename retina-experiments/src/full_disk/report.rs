@@ -91,15 +91,12 @@ fn three(values: [f64; 3]) -> String {
     format!("{}, {}, {}", cell(values[0]), cell(values[1]), cell(values[2]))
 }
 
-/// Normalised errors squared beyond this times their number are no chance, and no slightly wrong model either.
-const MOST_NEES_RATIO: f64 = 9.0;
-
 /// What a sequence's figures say is wrong with it.
 pub fn warnings(sequences: &[Sequence]) -> Vec<String> {
     let mut out = Vec::new();
     for sequence in sequences {
         let (label, s) = (&sequence.label, &sequence.summary);
-        if s.solved > 0 && s.nees_ratio > MOST_NEES_RATIO {
+        if s.solved > 0 && s.nees_ratio > crate::MOST_NEES_RATIO {
             out.push(format!(
                 "{label}: errors are {:.0} times what their covariances allow (NEES / 3 = {:.1}; Z off by {:.0} km on \
                  average, the limb by {:.0} m): images, setup, calibration and body do not belong together. Photographs \

@@ -170,7 +170,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let warnings = report::warnings(&scenario, &summary, imaged.as_ref());
     warnings.iter().for_each(|warning| tell!("{warning}"));
-    let document: Value = report::document(&scenario, &summary, transfer.as_ref(), imaged.as_ref());
+    let document: Value =
+        report::document(&scenario, &summary, transfer.as_ref(), imaged.as_ref(), &warnings);
     write(&arguments.out, &format!("{}.json", name("far-range")), &format!("{document:#}\n"))?;
     if arguments.json { print_json(&document) } else { Ok(()) }
 }
